@@ -1,4 +1,4 @@
-"""Measure raw, denoised and default renders against long references: errors, bias, error bars, CPU seconds.
+"""Measure raw and denoised renders against long references: errors, bias, error bars, CPU seconds.
 
     python benchmarks/denoise.py [--scenes FILE.xml …] [--spp 64 128 512 2048] [--width 96] [--seeds 4] [--rays 64]
         [--references FOLDER]
@@ -6,8 +6,7 @@
 Each scene is rendered at 550 nm, exposed so that the median pixel has 1500 photoelectrons. Squared error over the
 electrons of the reference is the noise ratio of a camera without read noise: 1 is a render as noisy as the light.
 median, mean, 95 % : of that ratio, over all pixels below the full well and seeds; the reference's own noise is in it.
-capped : its mean, where no pixel counts for more than the 95th percentile of the raw render, as in the forecast of the
-default, which leaves out the denoiser where samples are better (render/passes/denoise_choice.py).
+capped : its mean, where no pixel counts for more than the 95th percentile of the raw render.
 bias : of the sum over the pixels below the full well.  z1, z2 : pixels within one and two standard errors, those of
 the reference included.
 equal time : median, mean, 95 % and capped mean of the raw render, scaled to the CPU seconds of the other one, over the
@@ -18,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -28,11 +28,10 @@ from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.denoise import guides
-from mitsuba_sensor.render.passes.passes import hashed_seed
+from mitsuba_sensor.render.light.photons import mean_electrons
 from mitsuba_sensor.render.passes.prepared import PreparedRender, prepare
-from mitsuba_sensor.render.passes.renderer import Renderer
-from mitsuba_sensor.render.passes.row_strip import Kept
 from mitsuba_sensor.render.passes.stop_criterion import stop_criterion_of
+from mitsuba_sensor.render.samples import hashed_seed
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -45,7 +44,6 @@ PILOT_SPP = 64
 KINDS: dict[str, dict[str, bool]] = {
     "raw": {"denoise": False},
     "denoised": {"denoise": True},
-    "default": {"denoise": True, "undecided": True},
 }
 FIGURES = ("median", "mean", "p95", "capped")
 
@@ -73,7 +71,7 @@ def main() -> None:
     parser.add_argument(
         "--rays",
         type=int,
-        help="of the guides, per pixel, a power of two from 2; by default as needed",
+        help="of the guides, per pixel, a square number; by default 16 to 256, as the samples",
     )
     parser.add_argument(
         "--references",
@@ -83,7 +81,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     if options.rays:
-        guides.FEWEST_RAYS = guides.MOST_RAYS = options.rays
+        guides.SIDE_MIN = guides.SIDE_MAX = math.isqrt(options.rays)
     rows = [row for scene in options.scenes for row in of_scene(scene, options)]
     if options.json:
         print(json.dumps(rows))
@@ -134,20 +132,14 @@ def reference(job: PreparedRender, scene: Path, options: argparse.Namespace) -> 
     return list(np.load(file))
 
 
-def made(
-    job: PreparedRender, spp: int, seed: int, denoise: bool, undecided: bool = False
-) -> Made:
-    """One render, whose light is denoised, or may be left undecided."""
-    renderer = Renderer(
-        job.scene, job.camera, job.exposure, job.bands, Kept.of(denoise, raw_light=True)
-    )
+def made(job: PreparedRender, spp: int, seed: int, denoise: bool) -> Made:
+    """One render, whose light is denoised or not."""
     started = time.process_time()
-    replace(job, renderer=renderer, denoise=denoise, undecided=undecided).render(
-        hashed_seed(seed, spp, 0), stop_criterion_of({"spp": spp})
-    )
-    mean, variance = renderer.electrons()
+    decided = replace(job, options={**job.options, "denoise": denoise})
+    light = decided.render(hashed_seed(seed, spp, 0), stop_criterion_of({"spp": spp}))
     seconds = time.process_time() - started
-    return Made(seconds, mean, np.sqrt(variance), renderer.denoised is not None)
+    mean = mean_electrons(light, job.camera, job.exposure)
+    return Made(seconds, mean, light.relative_error * mean, light.statistics.denoised is not None)
 
 
 def errors(

@@ -31,11 +31,10 @@ from .files.sensor_names import ALL_SENSORS
 from .output import exr
 from .output.dng import dng_names, write_dng
 from .output.frame_files import CAPTURE_FILES, CLEAN, FRAME_FILES, frames_metadata, write_frames
-from .output.frames import Frames
+from .output.frames import Frames, notes_after_render
 from .render.light.irradiance import Irradiance
 from .render.light.light_source import CollectedLight
 from .render.motion.aovs import Aovs
-from .render.passes.render_notes import notes_after_render
 from .render.passes.stop_criterion import Progress
 from .render.passes.told import told_progress
 from .render.scene.scene_nodes import SceneInput

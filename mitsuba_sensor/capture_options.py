@@ -93,10 +93,9 @@ class CaptureOptions(RenderOptions, LightOptions, total=False):
     """All options of :func:`capture`, and of ``mitsuba-sensor render``."""
 
     render_noise: Annotated[
-        Literal["shared", "per-frame", "compensated"],
+        Literal["shared", "per-frame"],
         Option(
-            "shared: one render for all frames; per-frame: a render for each frame; compensated: the same, with the "
-            "render's noise counted as part of the shot noise.",
+            "shared: one render for all frames; per-frame: a render for each frame.",
             "shared",
             panel="Frames and seeds",
         ),

@@ -13,8 +13,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeAlias, cast
 
-import numpy as np
-
 from .camera.camera import Camera
 from .capture_options import CaptureOptions, refuse_render_options
 from .core import Exposure, InputError
@@ -23,16 +21,15 @@ from .core.options import part_of, used
 from .output.dng import check_dng
 from .output.frames import Frames
 from .output.light_files import read_irradiance
-from .render.denoise.network import denoised_if_possible, is_undecided
 from .render.light.irradiance import Irradiance
 from .render.light.light_sum import check_group_names, waveforms_of
 from .render.light.photons import collected, metered, photons_of
 from .render.motion.moving_scene import MovingScene
 from .render.options import FrameSeriesOptions, RenderOptions
-from .render.passes.passes import hashed_seed
 from .render.passes.per_frame import FrameSeries
 from .render.passes.prepared import PreparedRender, prepare
 from .render.passes.stop_criterion import Progress, RenderProgress, StopCriterion
+from .render.samples import hashed_seed
 from .render.scene.scene_nodes import SceneInput
 from .render.scene.scene_settings import ParsedScene
 from .sensor.expose import PreparedExposure
@@ -116,13 +113,12 @@ def render_once(request: Request) -> Exposed:
     """One render of a scene, and all frames of it; where something moves in time, a render for each."""
     options, progress = request.options, request.progress
     times = FrameTimes.of(options)
-    undecided = is_undecided(part_of(RenderOptions, options))
-    rendering = denoised_if_possible(part_of(RenderOptions, options))
+    rendering = part_of(RenderOptions, options)
     rendering["start_s"] = times.of_frame(options["first_frame"])
     with timed(request.times_s, "render"):
         started = time.monotonic()
         given = cast(Scene, request.source), request.camera, request.exposure
-        render = prepare(*given, undecided=undecided, **rendering)
+        render = prepare(*given, **rendering)
         render = replace(render, waveforms=waveforms_of(options["lights"] or {}))
         sensor = render.sensor(part_of(ExposeOptions, options))
         check_frame_files(sensor, options)  # before the first ray
@@ -132,10 +128,8 @@ def render_once(request: Request) -> Exposed:
             times.check(render.exposure, render.camera)
         stop = render.stop_criterion(rendering)
         if isinstance(render.scene, MovingScene) and times.period_s is not None:
-            decided = replace(render, undecided=False)  # alike in all frames
-            return render_in_time(request, decided, sensor, stop)
+            return render_in_time(request, render, sensor, stop)
         light = render.render(sensor.first.seed, stop, progress, started=started)
-        render.renderer.release()
     with timed(request.times_s, "expose"):
         exposure = render.exposure_of(light)
         lit = lit_as_asked(light, options)
@@ -172,7 +166,6 @@ def render_in_time(
                 progress(replace(step, frame=number))
 
         light = one.render(hashed_seed(seed, -3, number) if number else seed, stop, tell)
-        one.renderer.release()
         lit = lit_as_asked(light, options)
         if number >= options["first_frame"] and not lights:
             lights.append(lit)
@@ -189,11 +182,10 @@ def lit_as_asked(light: Irradiance, options: CaptureOptions) -> Irradiance:
 
 def render_each_frame(request: Request) -> Exposed:
     """A render of a scene for every frame; irradiance and metadata are those of the first."""
-    options, noise = request.options, request.options["render_noise"]
-    assert noise != "shared"
+    options = request.options
     if options["light_groups"] is not None or options["lights"] is not None:
         raise InputError(
-            f"render_noise is {noise!r} and light_groups are kept for later exposures of one render; leave one of "
+            "render_noise is 'per-frame' and light_groups are kept for later exposures of one render; leave one of "
             "both out."
         )
     with timed(request.times_s, "render and expose"):
@@ -201,20 +193,14 @@ def render_each_frame(request: Request) -> Exposed:
             cast(Scene, request.source),
             part_of(FrameSeriesOptions, options),
         )
-        series = FrameSeries.prepare(
-            scene, request.camera, request.exposure, series_options, noise
-        )
+        series = FrameSeries.prepare(scene, request.camera, request.exposure, series_options)
         check_frame_files(series.sensor, options)
-        renders, parts = [], list[Frames]()
-        for render in series.renders(request.progress):
-            renders.append(render)
-            parts.append(Frames.exposed(render.exposed, followed=not parts))
-    left = {
-        "uncompensated": float(np.mean([render.uncompensated for render in renders])),
-        "above_shot_noise": float(np.mean([render.above_shot_noise for render in renders])),
-    }
+        lights, parts = list[Irradiance](), list[Frames]()
+        for exposed, light, _ in series.renders(request.progress):
+            lights = lights or [light]
+            parts.append(Frames.exposed(exposed, followed=not parts))
     frames = Frames.joined(parts, with_clean=options["clean"])
-    return exposed_of_scene(request, series.prepared, renders[0].light, frames, left)
+    return exposed_of_scene(request, series.prepared, lights[0], frames)
 
 
 def exposed_of_scene(
@@ -222,9 +208,8 @@ def exposed_of_scene(
     render: PreparedRender,
     light: Irradiance,
     frames: Frames,
-    left: Mapping[str, float] | None = None,
 ) -> Exposed:
-    """The frames of a scene.  left : what the noise of renders for every frame leaves in the frames."""
+    """The frames of a scene."""
     options = request.options
     origin = {
         "scene": render.parsed.file.path,
@@ -232,7 +217,6 @@ def exposed_of_scene(
         "motion": used(CaptureOptions, options)["motion"],
         "render_noise": options["render_noise"],
         "metering": light.statistics.metering,
-        **(left or {}),
     }
     return Exposed(frames, light.of_serial(frames.first.window.serial), origin, options, render)
 

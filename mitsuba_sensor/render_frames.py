@@ -11,11 +11,10 @@ from .camera.camera_file import AnyCamera, camera_of
 from .core import Photons, warn_of
 from .core.options import complete, documents
 from .core.progress import is_asked
-from .output.frames import Frames
+from .output.frames import Frames, notes_after_render
 from .render.light.irradiance import Irradiance
 from .render.options import FrameSeriesOptions
-from .render.passes.per_frame import FrameSeries, PerFrameNoise
-from .render.passes.render_notes import notes_after_render
+from .render.passes.per_frame import FrameSeries
 from .render.passes.stop_criterion import Progress
 from .render.passes.told import told_progress
 from .render.scene.scene_nodes import SceneInput
@@ -26,18 +25,11 @@ from .sensor.metering import AskedExposure
 
 @dataclass(frozen=True, eq=False)
 class RenderedFrame:
-    """One frame, and the render that it was made from.
-
-    uncompensated : what is left of the render's variance over the shot variance, averaged over the pixels: the frame is
-        that much too noisy; without compensation, all of it.
-    above_shot_noise : share of the pixels whose render has more variance than their shot noise: only more samples help.
-    """
+    """One frame, and the render that it was made from."""
 
     frames: Frames
     light: Irradiance
     photons: Photons
-    uncompensated: float
-    above_shot_noise: float
 
 
 @documents(FrameSeriesOptions)
@@ -47,7 +39,6 @@ def render_frames(
     camera: AnyCamera | None = None,
     exposure: AskedExposure | None = None,
     *,
-    render_noise: PerFrameNoise = "compensated",
     progress: Progress | bool | None = None,
     **options: Unpack[FrameSeriesOptions],
 ) -> Iterator[RenderedFrame]:
@@ -58,21 +49,17 @@ def render_frames(
         for rendered in ms.render_frames("cornell_box", camera, exposure, frames=8, width=64):
             print(rendered.frames.digital.mean())
 
-    render_noise : "compensated" counts the render's noise as part of the shot noise, so that 16 times fewer samples are
-        enough than for a noise ratio of 0.01; "per-frame" adds it to the shot noise.
     progress : None says every ten seconds on stderr how far it is; False says nothing; a
         function is called with a :class:`render.passes.stop_criterion.RenderProgress` of each frame's render.
 
-    By default "compensated" renders until the median of v/μ, the variance of the render over that of the shot noise,
-    is 1/6, and at most 1 % is left uncompensated outside the noisiest 1 % of the pixels; ``spectral`` is "channels",
-    since each render is used once. A render before the first frame determines the samples of all, and which pixels get
-    several times as many (noisy_pixels.py; not in scalar variants). Raises InputError.
+    The noise of each render adds to the noise of its frame, instead of being alike in all frames. ``spectral`` is by
+    default "channels", since each render is used once. Raises InputError.
     """
     if not callable(progress):
         is_asked(progress)  # before the first frame is asked for
     chosen = complete(FrameSeriesOptions, options)
-    series = FrameSeries.prepare(scene, camera_of(camera), exposure, chosen, render_noise)
-    told = {**chosen, "render_noise": render_noise}
+    series = FrameSeries.prepare(scene, camera_of(camera), exposure, chosen)
+    told = {**chosen, "render_noise": "per-frame"}
     shown = told_progress(progress, "render_frames", told, thread=False)
     return computed_in(series.prepared.parsed.variant, _frames_of(series, shown))
 
@@ -82,14 +69,8 @@ def _frames_of(
 ) -> Iterator[RenderedFrame]:
     """One frame after the other; with the first one Python warns of the doubts, which are those of all."""
     with shown as progress:
-        for number, render in enumerate(series.renders(progress)):
-            frames = Frames.exposed(render.exposed)
+        for number, (exposed, light, photons) in enumerate(series.renders(progress)):
+            frames = Frames.exposed(exposed)
             if not number:
-                warn_of(notes_after_render(render.light, frames))
-            yield RenderedFrame(
-                frames,
-                render.light,
-                render.photons,
-                render.uncompensated,
-                render.above_shot_noise,
-            )
+                warn_of(notes_after_render(light, frames))
+            yield RenderedFrame(frames, light, photons)

@@ -121,7 +121,7 @@ def cli() -> Callable[..., Any]:
 def light() -> Any:
     """Irradiance made by hand, 12 × 16 pixels, three bands: about half a full well of konnik_table1 in 0.1 s."""
     from mitsuba_sensor.render.light.irradiance import Irradiance
-    from mitsuba_sensor.render.passes.statistics import RenderStatistics
+    from mitsuba_sensor.render.light.statistics import RenderStatistics
 
     random = np.random.default_rng(7)
     data = random.uniform(1e-5, 4e-5, (12, 16, 3)).astype(np.float32)

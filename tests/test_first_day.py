@@ -21,7 +21,7 @@ from PIL import Image
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.render.passes.statistics import RenderStatistics
+from mitsuba_sensor.render.light.statistics import RenderStatistics
 from mitsuba_sensor.render.variants import mitsuba
 
 NAME, EXPOSURE = "sony_imx174", ms.Exposure(0.01)

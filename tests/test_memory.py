@@ -47,16 +47,12 @@ made_from(light)
 print(1024 * (kib("VmHWM") - before) / (960 * 600))
 """
 RENDER = """
-import importlib
 from unittest.mock import MagicMock
-from mitsuba_sensor.render.denoise import combine, network
-from mitsuba_sensor.render.passes import passes, row_strip
+from mitsuba_sensor.render.denoise import network
 
-renderer, library = importlib.import_module("mitsuba_sensor.render.passes.renderer"), MagicMock()
+library = MagicMock()
 library.Device.return_value.__enter__.return_value.get_error.return_value = None
 setattr(network, "library", lambda: library)  # the network's memory has a limit of its own
-renderer.rays_per_pixel = lambda samples: 1  # as many are in flight with more, for longer
-passes.MOST_VALUES, combine.PIXELS_AT_ONCE, row_strip.LEAST_BYTES = 2**19, 2**14, 2**20  # parts of a smaller film
 SCENE = '''<scene version="3.0.0"><emitter type="constant"/><shape type="sphere"/><sensor type="perspective">
     <transform name="to_world"><lookat origin="0, 0, 9" target="0, 0, 0" up="0, 1, 0"/></transform><film type="hdrfilm">
     <integer name="width" value="%d"/><integer name="height" value="%d"/></film></sensor></scene>'''

@@ -40,7 +40,7 @@ WORDS = (
     Word(r"blinking|blinks?", "RTS (random telegraph signal)"),
     Word(
         r"spend(s|ing|able)?|(un)?spent|unspendable",
-        "compensate, compensated render noise; use, take (time)",
+        "use, take (time)",
     ),
     Word(r"shoot(s|ing)?", "render a frame"),
     Word(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 
 import typer
@@ -185,9 +184,7 @@ def plan(
     from ..core import InputError, require
     from ..output.exr import rendered_for
     from ..render.light.photons import metered
-    from ..render.passes.requirements import render_requirements
     from ..sensor.metering import Metering
-    from ..stages.gains import gain_dn_per_e
     from .inputs import camera_and_exposure, render_input, settings_of
     from .progress import render_progress
     from .remarks import taken_by_default
@@ -224,11 +221,10 @@ def plan(
     found = ms.plan(
         camera, exposure, ms.collect(light, camera, exposure), tolerance_dn=tolerance
     )
-    needs = render_requirements(light, camera, exposure, gain_dn_per_e(camera), tolerance)
     if as_json:
-        show({**found.to_dict(), "render": [asdict(need) for need in needs]}, True)
+        show(found.to_dict(), True)
     else:
-        show(plans_sheet(found, needs), False)
+        show(plans_sheet(found), False)
         show_remarks(False, taken_by_default(flags, settings, camera))
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.text import Text
@@ -12,9 +12,6 @@ from rich.text import Text
 from ..core import by_weight
 from ..theory.plan import IDLE, NEEDED, CombinedPlan, Plan
 from .tables import ResultTable, number, rough
-
-if TYPE_CHECKING:
-    from ..render.passes.requirements import RenderRequirement
 
 NOTES_MAX = 4
 """Notes that are printed."""
@@ -31,7 +28,6 @@ COUNTED = {
     "cut_to_zero_prnu": "whose gain would be negative by its distribution, taken as 0",
     "cut_to_zero_prnu_col": "whose column's gain would be negative by its distribution, taken as 0",
     "cut_to_zero_dark_fpn": "whose dark current would be negative by its distribution, taken as 0",
-    "compensated_short": "with more render noise than the compensation can take out",
     "negative": "with negative light, taken as none",
     "non_finite": "with light that is no number",
 }
@@ -117,21 +113,19 @@ def _camera_and_gain(report: Report) -> str:
     return f"{camera['name']}{setting}, K = {report['K_dn_per_e']:.4g} DN/e-"
 
 
-def plans_sheet(
-    plan: Plan | CombinedPlan, needs: Sequence[RenderRequirement]
-) -> RenderableType:
-    """What a plan keeps and leaves out, sensor and render; of several read-outs that of each."""
+def plans_sheet(plan: Plan | CombinedPlan) -> RenderableType:
+    """What a plan keeps and leaves out; of several read-outs that of each."""
     if isinstance(plan, Plan):
-        return plan_sheet(plan, needs)
+        return plan_sheet(plan)
     head = f"{plan.camera}: without the stages that are not needed, the linear code changes by at most "
     parts: list[RenderableType] = [Text(f"{head}{plan.tolerance_dn:g} DN", style="bold")]
     for name, own in plan.readouts.items():
-        parts += [Text(f"\nread-out {name}", style="bold"), plan_sheet(own, [])]
-    return Group(*parts, _needs(needs))
+        parts += [Text(f"\nread-out {name}", style="bold"), plan_sheet(own)]
+    return Group(*parts)
 
 
-def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType:
-    """What a plan keeps and leaves out, sensor and render, with the effect in DN."""
+def plan_sheet(plan: Plan) -> RenderableType:
+    """What a plan keeps and leaves out, with the effect in DN."""
     held = plan.range
     head = (
         f"{plan.camera}: without the stages that are not needed, no sampled pixel changes by more than "
@@ -155,15 +149,8 @@ def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType
     lists = {name: ", ".join(found) for name, found in names.items() if found}
     facts = {"holds for": f"{light}, {conditions}", **lists, "clipped": clipped}
     lines = (fact(name, text) for name, text in facts.items())
-    tables = [_effects(plan)]
-    if needs:
-        tables.append(_needs(needs))
-    return Group(
-        Text(head, style="bold"),
-        *tables,
-        *lines,
-        Text(plan.float32.explain()),
-    )
+    sentence = Text(plan.float32.explain())
+    return Group(Text(head, style="bold"), _effects(plan), *lines, sentence)
 
 
 def _effects(plan: Plan) -> ResultTable:
@@ -176,17 +163,6 @@ def _effects(plan: Plan) -> ResultTable:
     for e in plan.effects:
         if e.reason not in (IDLE, NEEDED):
             table.add_row(e.stage, KEPT[e.kept], *map(rough, e.columns))
-    return table
-
-
-def _needs(needs: Sequence[RenderRequirement]) -> ResultTable:
-    """One row per option of the render."""
-    table = ResultTable(
-        ("of the render", "needed", "changes by", "why"),
-        caption="what the render has, and by how much a pixel changes without it [DN]",
-    )
-    for need in needs:
-        table.add_row(need.what, KEPT[need.kept], number(need.effect_dn), need.reason)
     return table
 
 

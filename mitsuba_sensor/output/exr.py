@@ -17,8 +17,8 @@ from ..files.texts import plain_values
 
 if TYPE_CHECKING:
     from ..render.light.irradiance import Irradiance, RenderedFor
+    from ..render.light.statistics import RenderStatistics
     from ..render.motion.aovs import Aovs
-    from ..render.passes.statistics import RenderStatistics
 
 SPECTRAL_CHANNEL = "S0."  # Fichet, Pacanowski & Wilkie 2021, "An OpenEXR Layout for Spectral Images", JCGT 10(3)
 FILTER_CHANNEL = "channel."
@@ -278,7 +278,7 @@ def _statistics(text: str) -> RenderStatistics:
 
 
 def _statistics_of(values: object) -> RenderStatistics:
-    from ..render.passes.statistics import RenderStatistics
+    from ..render.light.statistics import RenderStatistics
 
     return RenderStatistics.from_dict(values)
 

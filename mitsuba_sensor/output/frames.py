@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from ..sensor.expose import PreparedExposure
 from ..sensor.frame_notes import exposure_notes as notes_of_exposure
 from ..sensor.frames import KEEP, RawFrames
 from ..sensor.readouts import exposures_of_readouts
+from ..stages.usual_range import temperature_note
 from ..theory.clean import PixelMoments, pixel_moments
 from ..theory.expected import Expectation
 from ..theory.noise_budget import NoiseBudget
@@ -26,6 +27,9 @@ from ..theory.plan import CombinedPlan, Plan
 from ..theory.report import FrameObserver, report
 from .dng import write_dng
 from .frame_files import frames_html, preview_of, save_frames
+
+if TYPE_CHECKING:
+    from ..render.light.irradiance import Irradiance
 
 SERIALS = 32
 """Sensor units whose clean frames are averaged."""
@@ -239,3 +243,9 @@ class Frames(RawFrames):
             self.camera, "a noise budget is that of one read-out", "frames.readouts"
         )
         return NoiseBudget(self.theory)
+
+
+def notes_after_render(light: Irradiance, frames: Frames) -> list[str]:
+    """Return the notes on rendered light and its frames, but for the one that was made before the first ray."""
+    told = temperature_note(frames.first.exposure.temperature_k)
+    return [*light.notes, *(note for note in frames.exposure_notes if note not in told)]

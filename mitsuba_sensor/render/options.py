@@ -237,7 +237,7 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
         int | None,
         Option(
             "Samples (light paths) per pixel over all passes; 4 × as many halve the render noise. Default: until 95 % "
-            "of the lit pixels have less render noise than sensor noise, at most 256.",
+            "of the lit pixels have less render noise than sensor noise, at most 32, or 256 without denoising.",
             low=1,
             high=MOST_IN_ALL,
             example="256",
@@ -338,9 +338,9 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     denoise: Annotated[
         bool | None,
         Option(
-            "Denoise what each colour filter detects, where two halves of the samples prove that better than the "
-            "render itself. Default: unless a forecast says that samples are better in the same time, or each "
-            "frame has a render of its own.",
+            "Denoise what each colour filter detects, as far as two halves of the samples prove that better than the "
+            "render itself. Default: if the render ends above the sensor's noise, unless each frame has a render of "
+            "its own.",
             flag="--denoise/--no-denoise",
         ),
     ]

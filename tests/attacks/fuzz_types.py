@@ -35,7 +35,7 @@ from mitsuba_sensor.output.exr import rendered_for, write_irradiance_exr
 from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.render.light.irradiance import Irradiance, RenderedFor
 from mitsuba_sensor.render.light.photons import collect
-from mitsuba_sensor.render.passes.statistics import RenderStatistics
+from mitsuba_sensor.render.light.statistics import RenderStatistics
 
 Place = tuple[str | int, ...]
 DEEP: Any = 0

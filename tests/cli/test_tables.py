@@ -20,7 +20,6 @@ from mitsuba_sensor.cli import terminal
 from mitsuba_sensor.cli.study_sheet import study_sheet
 from mitsuba_sensor.cli.tables import number, rough
 from mitsuba_sensor.pages.page import Grid, Section, Table, study_of
-from mitsuba_sensor.render.passes.requirements import RenderRequirement
 from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
 
 WIDTHS = (40, 60, 80, 120)
@@ -62,10 +61,6 @@ def sheets(light: Any) -> dict[str, Any]:
         for i, one in enumerate(plan.effects)
     ]
     vars(plan)["effects"] = tuple(effects)
-    needs = [
-        RenderRequirement(f"option {i}", bool(i % 2), x, "for a reason")
-        for i, x in enumerate(HARD)
-    ]
     spread = {
         f"map_{chr(97 + i)}": {"shape": (1200, 1920), "mean": x, "sigma": x / 3}
         for i, x in enumerate(HARD)
@@ -87,7 +82,7 @@ def sheets(light: Any) -> dict[str, Any]:
         "stress", "hard", [Section((), True, (Table("table", columns, rows), grid))]
     )
     return {
-        "plan": lambda width: terminal.plan_sheet(plan, needs),
+        "plan": lambda width: terminal.plan_sheet(plan),
         "maps": lambda width: terminal.map_list(spread, "maps.npz"),
         "study": lambda width: study_sheet(study, "study.html"),
     }

@@ -31,7 +31,7 @@ from mitsuba_sensor.output.exr import read_aovs_exr, read_irradiance_exr, write_
 from mitsuba_sensor.render.light.bands import choose_bands
 from mitsuba_sensor.render.motion.aovs import Aovs, render_aovs
 from mitsuba_sensor.render.motion.motion import Motion, read_motion
-from mitsuba_sensor.render.passes.passes import hashed_seed
+from mitsuba_sensor.render.samples import hashed_seed
 from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 

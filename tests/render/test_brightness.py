@@ -14,8 +14,6 @@ import pytest
 from helpers.scenes import BALL, PERSPECTIVE, SCENES, SKY, scalar_first, scene_text, write_scene
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core import Caution, Doubt, by_weight
-from mitsuba_sensor.render.light.brightness import FAMILIAR, cd_per_m2
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.01)
 BOX = SCENES / "cornell_box.xml"
@@ -229,28 +227,3 @@ def test_several_sensors_refuse_a_scale_of_each_view(tmp_path: Path) -> None:
     scene = write_scene(tmp_path, scene_text(SKY, PERSPECTIVE.format(film="", more="")))
     with pytest.raises(ms.InputError, match=r"2 sensors .* would each scale the light"):
         ms.capture(scene, CAMERA, EXPOSURE, sensor="all", luminance=10, **SMALL)
-
-
-def test_notes_come_in_the_order_of_what_they_change() -> None:
-    notes = [
-        "a plain one",
-        Caution("error bars are too small"),
-        Doubt("not what was wanted"),
-        "another",
-    ]
-    assert by_weight(notes) == [notes[2], notes[1], notes[0], notes[3]]
-
-
-@pytest.mark.parametrize(
-    ("luminance", "said"),
-    [
-        (876_000.0, "876\u00a0000 cd/m², like the sun at the horizon"),
-        (5e-5, "5e-05 cd/m², 0.12 × the darkest night sky"),
-        (8.76e11, "8.76e+11 cd/m², 550 × the sun at noon"),
-        (0.0, "0 cd/m², 0 × the darkest night sky"),
-    ],
-)
-def test_a_luminance_stands_beside_something_familiar(luminance: float, said: str) -> None:
-    assert cd_per_m2(luminance) == said
-    values = [value for value, _ in FAMILIAR]
-    assert values == sorted(values)

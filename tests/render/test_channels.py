@@ -19,7 +19,6 @@ from helpers.scenes import (
 import mitsuba_sensor as ms
 from mitsuba_sensor import expose
 from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
-from mitsuba_sensor.render.light.bands import channel_bands, choose_bands, response_fingerprint
 
 BAYER, EXPOSURE = ms.load_camera("bayer_2mp"), ms.Exposure(0.02)
 LAMP = '<emitter type="constant"><spectrum name="radiance" value="360:1e-4, 560:2e-4, 830:4e-4"/></emitter>'
@@ -71,17 +70,6 @@ def test_channels_are_the_integral_of_qe_over_the_spectrum(tmp_path: Path) -> No
     expected = 0.5 * ((curves[:, 1:] + curves[:, :-1]) * 0.25).sum(axis=1)
     measured = light.data.mean(axis=(0, 1))
     np.testing.assert_allclose(measured / measured[1], expected / expected[1], rtol=3e-3)
-
-
-def test_the_bands_of_a_camera_know_their_response() -> None:
-    bands = channel_bands(BAYER)
-    assert bands.kind == "channels" and len(bands) == 3
-    assert (
-        bands.response
-        == response_fingerprint(BAYER)
-        != response_fingerprint(ms.load_camera("rgbir_2mp"))
-    )
-    assert choose_bands(BAYER, None, 10.0, "cube").response is None
 
 
 def test_light_in_channels_is_refused_by_another_camera(tmp_path: Path) -> None:
@@ -155,16 +143,3 @@ def test_few_samples_are_not_spread_over_groups(tmp_path: Path) -> None:
         for spp in (1, 16, 24, 96)
     ]
     assert found == [2, 16, 24, 96]
-
-
-def test_groups_are_four_neighbours_of_a_cube_only() -> None:
-    table1 = ms.load_camera("konnik_table1")
-    assert [
-        len(range(*g.indices(99))) for g in choose_bands(table1, None, 30.0, "cube").groups
-    ] == [4, 4, 2]
-    for bands in (
-        choose_bands(table1, None, 30.0, "auto"),
-        channel_bands(BAYER),
-        choose_bands(table1, 550.0, 10.0, "cube"),
-    ):
-        assert bands.groups == (slice(0, len(bands)),)

@@ -12,7 +12,6 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.render.light.bands import (
     box_bands,
-    film_response,
     response_film,
     round_wavelength_density,
 )
@@ -75,17 +74,6 @@ def test_a_film_of_boxes_measures_what_one_of_mitsubas_own_does(
         )
     assert np.nanmax(found[1]) > 0
     np.testing.assert_allclose(*found, rtol=1e-6)
-
-
-def test_only_boxes_are_replaced_and_only_where_code_is_compiled() -> None:
-    """Scalar variants run Python for every path; a curve needs its table."""
-    box = box_bands(BAYER, np.array([500.0, 510.0])).responses[0]
-    curve = {**box, "values": "1, 0.5"}
-    use(choose_variant("scalar_spectral"))
-    assert str(film_response(box)).startswith("RegularSpectrum[")
-    use(choose_variant(skip_unless_usable("llvm_ad_spectral")))
-    assert str(film_response(box)).startswith("FlatResponse[")
-    assert not str(film_response(curve)).startswith("FlatResponse[")
 
 
 def test_another_render_of_bands_compiles_no_kernel(tmp_path: Path) -> None:

@@ -110,13 +110,6 @@ def test_a_global_shutter_has_one_window_for_all_rows(field: ms.Irradiance) -> N
     )
 
 
-def test_a_crop_has_the_rows_of_the_whole(field: ms.Irradiance) -> None:
-    whole = profile(field.with_lights(lamp=PWM), ROLLING)
-    groups = {name: replace(one, origin=(100, 0)) for name, one in field.groups.items()}
-    crop = sum_of_groups(groups).with_lights(lamp=PWM)
-    np.testing.assert_allclose(profile(crop, ROLLING)[:300], whole[100:], rtol=1e-6)
-
-
 def test_the_light_itself_is_the_mean_and_so_is_what_is_metered(field: ms.Irradiance) -> None:
     flickering = field.with_lights(lamp="0.5 pwm(100, 0.1)")
     steady = field.with_lights(lamp=0.5)

@@ -13,7 +13,7 @@ from helpers.scenes import BALL, SKY, scene_text, skip_unless_usable, write_scen
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
-from mitsuba_sensor.render.scene.plugin_names import PRIMAL, gradient_integrators, plugin_names
+from mitsuba_sensor.render.scene.plugin_names import PRIMAL, gradient_integrators
 from mitsuba_sensor.render.variants import choose_variant, use
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
@@ -97,41 +97,6 @@ def test_the_command_line_renders_it(tmp_path: Path, cli: Callable[..., Any]) ->
     done = cli("render", scene, "-o", tmp_path / "out", *flags)
     assert done.exit_code == 0, done.stderr
     assert (tmp_path / "out" / "frame.tiff").is_file()
-
-
-def test_one_for_red_green_and_blue_alone_is_one_sentence() -> None:
-    ready()
-    with pytest.raises(
-        ms.InputError,
-        match="renders radiance fields of red, green and blue and no spectra; take",
-    ):
-        ms.render(
-            text_of(RGB_ONLY).replace('<integer name="max_depth" value="3"/>', ""),
-            CAMERA,
-            EXPOSURE,
-        )
-
-
-def test_a_misspelt_one_is_told_what_is_near() -> None:
-    """Whether it is known in the variant or not."""
-    assert {*IN_SPECTRA, "path", "raw_frame"} <= {*plugin_names()}
-    for variant in ("llvm_ad_spectral", "scalar_spectral"):
-        ready(variant)
-        with pytest.raises(
-            ms.InputError, match=r"there is no plugin 'prbvol'\. Did you mean 'prbvolpath'"
-        ):
-            ms.render(dict_of({"type": "prbvol"}), CAMERA, EXPOSURE)
-
-
-def test_a_scalar_variant_says_which_variants_have_it() -> None:
-    """And which integrator gives the same image."""
-    assert {*PRIMAL} == {*IN_SPECTRA}
-    ready("scalar_spectral")
-    for kind, primal in PRIMAL.items():
-        sentence = f"needs an llvm or cuda variant: {primal!r} gives the same image"
-        for scene in (dict_of({"type": kind}), text_of(kind)):
-            with pytest.raises(ms.InputError, match=sentence):
-                ms.render(scene, CAMERA, EXPOSURE)
 
 
 @pytest.mark.parametrize("integrator", one_in(3, PRIMAL))

@@ -16,10 +16,10 @@ from helpers.scenes import (
     skip_unless_usable,
     write_scene,
 )
+from mitsuba_sensor.render.passes.statistics import RenderStatistics
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.infrared.materials import materials
-from mitsuba_sensor.render.passes.statistics import RenderStatistics
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 from mitsuba_sensor.sensor.metering import electrons_of
 

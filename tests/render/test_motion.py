@@ -39,7 +39,7 @@ from mitsuba_sensor.render.motion.moving_scene import (
     subframes_of_pass,
 )
 from mitsuba_sensor.render.options import RenderOptions
-from mitsuba_sensor.render.passes.passes import hashed_seed
+from mitsuba_sensor.render.samples import hashed_seed
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 

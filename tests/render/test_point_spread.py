@@ -14,17 +14,17 @@ import pytest
 import scipy
 from helpers.marks import exhaustive
 from helpers.scenes import SKY, scene_text, skip_unless_usable, write_scene
-from helpers.slanted_edge import FREQUENCIES, edge_picture, frequency_response
+from helpers.slanted_edge import edge_picture, frequency_response
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Float64Array
 from mitsuba_sensor.optics.image_record import image_record
 from mitsuba_sensor.optics.point_spread import (
-    aperture_mtf,
     diffraction_mtf,
     encircled_energy,
     first_zero,
 )
+from mitsuba_sensor.render.denoise.guides import trace_guides
 from mitsuba_sensor.render.light.bands import box_bands
 from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
@@ -123,16 +123,6 @@ def test_edges_have_the_response_of_lens_times_pixel(
     """From f/4 to f/22, within 0.005 up to Nyquist's frequency."""
     found = measured_response(tmp_path, f_number, wavelength_nm, 8)
     np.testing.assert_allclose(found, expected_response(f_number, wavelength_nm), atol=0.005)
-
-
-def test_the_window_of_the_estimator_cuts_off_the_far_tail_only() -> None:
-    """At f/4 the response is the product of the closed forms within 1 %."""
-    angle = math.radians(ANGLE_DEG)
-    pixel = aperture_mtf(FREQUENCIES * math.cos(angle)) * aperture_mtf(
-        FREQUENCIES * math.sin(angle)
-    )
-    product = pixel * diffraction_mtf(FREQUENCIES * 0.55 * 4 / PITCH_UM)
-    np.testing.assert_allclose(expected_response(4.0, 550.0), product, rtol=0.012)
 
 
 @pytest.mark.parametrize(
@@ -352,7 +342,7 @@ def test_guides_of_the_denoiser_are_as_blurred_as_the_picture(tmp_path: Path) ->
     cam = camera(lens__f_number=22.0)
     upright = HALF_PLANE.replace(f'angle="{ANGLE_DEG}"', 'angle="0"')
     scene = load(tmp_path, cam, [549.5, 550.5], upright, shape=(32, 64))
-    normals = scene.guides(np.full((1, 4), 550.0), (0, 32), 256)[..., -1]
+    normals = trace_guides(scene, np.full((1, 4), 550.0), 1, 256, (0, 32))[..., -1]
     profile = np.abs(normals).mean(axis=0)
 
     def mtf(frequency: Float64Array) -> Float64Array:
@@ -409,12 +399,6 @@ def test_the_record_of_a_render_has_the_disk_of_the_working_f_number(
     working = 4 * (1 + 50.0 / (500 - 50.0))
     assert disk["diameter_px"] == pytest.approx(2.44 * 0.55 * working / PITCH_UM, rel=0.01)
     assert disk["rendered"] is rendered and (spread is not None) is rendered
-
-
-def test_without_names_noise_and_the_lens_field_switches_diffraction_off() -> None:
-    with pytest.raises(ms.InputError, match=r"lens\.diffraction"):
-        ms.load_camera("konnik_table1").without("diffraction")
-    assert not ms.load_camera("konnik_table1").lens.diffraction
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from helpers.scenes import BALL, SKY, both_variants, scalar_first, skip_unless_usable
+from PIL import Image
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.variants import choose_variant, use
@@ -59,6 +60,9 @@ def test_mitsuba_renders_the_raw_frame_of_capture(tmp_path: Path, variant: str) 
     film.write(str(tmp_path / "raw.exr"))
     with OpenEXR.File(str(tmp_path / "raw.exr"), separate_channels=True) as file:
         np.testing.assert_array_equal(file.channels()["Y"].pixels, wanted.digital[0])
+    film.write(str(tmp_path / "raw.png"))
+    with Image.open(tmp_path / "raw.png") as picture:
+        np.testing.assert_array_equal(np.array(picture), wanted.digital[0])
     other = np.array(mi.render(loaded, spp=16, seed=4))
     assert (other != rendered).any()
 

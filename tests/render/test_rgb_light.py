@@ -51,18 +51,6 @@ def test_a_picture_is_the_linear_light_that_colour_science_decodes() -> None:
     np.testing.assert_allclose(encoded.data, decoded.data, rtol=2e-4)
 
 
-def test_a_green_picture_is_seen_by_green_pixels() -> None:
-    green = np.zeros((4, 4, 3))
-    green[..., 1] = 500.0
-    light = ms.light_from_rgb(green, BAYER, unit="cd_per_m2")
-    frames = ms.expose(light, BAYER, ms.Exposure(0.01), seed=3)
-    names = np.array(BAYER.filter_names)
-    sees_green = np.tile(names[np.array(BAYER.tile)] == "G", (2, 2))
-    assert sees_green.sum() == 8
-    signal = frames.clean - frames.clean.min()
-    assert signal[sees_green].min() > 2 * signal[~sees_green].max()
-
-
 def test_black_is_dark_and_a_capture_takes_the_light() -> None:
     black = ms.light_from_rgb(np.zeros((3, 4, 3)), BAYER, unit="cd_per_m2")
     assert not black.data.any()
@@ -91,14 +79,6 @@ def test_the_camera_that_a_picture_is_for_has_the_electrons_of_its_whole_spectru
     )
     assert known.in_band is not None
     np.testing.assert_allclose(electrons * known.in_band, wanted, rtol=1e-4)
-
-
-def test_of_the_camera_that_a_picture_is_for_no_note_says_that_it_is_another() -> None:
-    light = ms.light_from_rgb(PICTURE, BAYER, unit="srgb", white_cd_per_m2=200)
-    said = " ".join(ms.expose(light, BAYER, ms.Exposure(0.001)).notes)
-    assert "not rendered" not in said and "in bands of" not in said
-    other = ms.expose(light, ms.load_camera("rgbir_2mp"), ms.Exposure(0.001))
-    assert "give narrower bands" in " ".join(other.notes)
 
 
 def test_a_picture_for_a_camera_that_sees_infrared_says_that_it_has_none() -> None:

@@ -23,8 +23,8 @@ from helpers.scenes import (
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.render.motion.aovs import render_aovs
-from mitsuba_sensor.render.passes.passes import FEWEST, pass_plan, whole_grid
 from mitsuba_sensor.render.passes.prepared import METERING_SPP
+from mitsuba_sensor.render.samples import PASSES_MIN, pass_plan, whole_grid
 from mitsuba_sensor.render.variants import mitsuba
 
 TABLE1, BAYER, EXPOSURE = (
@@ -259,7 +259,7 @@ def test_the_command_line_takes_names_and_a_pose(tmp_path: Path, cli: Cli) -> No
 def test_a_repeatable_plan_has_passes_of_a_power_of_two_up_to_8(spp: int) -> None:
     passes, samples = pass_plan(spp, repeatable=True)
     assert samples in (1, 2, 4, 8) and samples == whole_grid(samples)
-    assert passes >= min(max(spp, 2), FEWEST) and abs(passes * samples - spp) <= max(
+    assert passes >= min(max(spp, 2), PASSES_MIN) and abs(passes * samples - spp) <= max(
         0.07 * spp, 1
     )
     assert pass_plan(METERING_SPP) == pass_plan(METERING_SPP, repeatable=True)

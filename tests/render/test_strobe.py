@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.optics.shutter import Shutter, displaced_share, subframes
+from mitsuba_sensor.optics.shutter import Shutter, subframes
 from mitsuba_sensor.optics.waveform import Waveform
 
 WIDTH, HEIGHT, DISTANCE_M, FOV_DEG = 96, 32, 4.0, 50.0
@@ -160,12 +160,3 @@ def test_a_row_without_light_and_an_exposure_of_no_time_are_as_with_a_steady_lam
     assert 0 < dark.sum() < 12
     np.testing.assert_array_equal(flickering[1][dark], even[1][dark])
     np.testing.assert_array_equal(lamp.shares([0.0, 0.004], 0.0, 5), np.full((2, 5), 0.2))
-
-
-def test_the_displaced_share_goes_to_nothing_with_the_number_of_sub_frames() -> None:
-    """Of a sine as 1/n; of pulses it stays below the part in which each of them begins or ends."""
-    shutter = Shutter(0.02)
-    shares = [displaced_share(shutter, (0, 8), n, ms.sine(50, 1.0)) for n in (32, 64, 128)]
-    np.testing.assert_allclose([shares[0] / shares[1], shares[1] / shares[2]], 2, rtol=0.02)
-    assert displaced_share(shutter, (0, 8), 40, ms.pwm(50, 0.5)) == pytest.approx(0, abs=1e-9)
-    assert displaced_share(shutter, (0, 8), 1, ms.pwm(50, 0.5)) == pytest.approx(0.5)

@@ -183,17 +183,3 @@ def test_a_crop_is_refused_because_it_lacks_the_other_light(tmp_path: Path) -> N
     scene = write_scene(tmp_path, scene_text('<integrator type="direct"/>', DARK, film=film))
     with pytest.raises(ms.InputError, match="crop window of 4 × 4 of 12 × 8 pixels"):
         light_of(scene, camera(0.02))
-
-
-def test_the_field_is_checked_and_the_name_says_how_to_switch_it_off() -> None:
-    for name, value in (
-        ("veiling_glare", 1.5),
-        ("veiling_glare", -0.1),
-        ("glare_width_mm", 0.0),
-    ):
-        with pytest.raises(ms.InputError, match=name):
-            ms.load_camera("konnik_table1").replace(**{f"lens.{name}": value})
-    with pytest.raises(ms.InputError, match="give veiling_glare"):
-        ms.load_camera("konnik_table1").replace(**{"lens.glare_width_mm": 1.0})
-    with pytest.raises(ms.InputError, match=r"lens\.veiling_glare to 0"):
-        ms.load_camera("konnik_table1").without("veiling_glare")

@@ -94,19 +94,6 @@ def test_the_level_is_the_smaller_neighbour_and_never_the_own_pixel() -> None:
     np.testing.assert_array_equal(narrow[0, :, 0], [4.0, 6.0])
 
 
-def test_only_rays_with_weights_are_counted() -> None:
-    """Not without diffraction, of a lens that disperses, of groups of bands, and in scalar variants."""
-    dispersing = {"lens__prescription": "double_gauss", "lens__dispersion": True}
-    for cam, options in (
-        (camera(lens__diffraction=False), {}),
-        (camera(**dispersing), {}),
-        (camera(), {"spectral": "cube"}),
-        (camera(), {"variant": "scalar_spectral"}),
-    ):
-        assert prepared("cornell_box", cam, **options).scene.weights is None
-    assert prepared("cornell_box", camera()).scene.weights is not None
-
-
 @pytest.mark.exhaustive
 def test_an_edge_behind_colour_filters_has_the_response_of_its_wavelengths(
     tmp_path: Path,

@@ -11,7 +11,6 @@ from pathlib import Path
 from statistics import fmean
 
 from ...core import InputError
-from ...render.passes.stop_criterion import RATIO_EXPONENT
 from ...render.variants import restores_variant
 from ..plan.planned import DatasetPlan, PlannedView
 from ..store.keys import Facts
@@ -23,6 +22,7 @@ from .scene_checks import check_scenes
 SHORT_SPP = 32
 MOST_SCENES = 8  # that are measured; the others are taken for their mean
 MOST_SAMPLES = 4  # of a view that are measured
+RATIO_EXPONENT = 0.75  # of samples, by which the noise ratio of denoised light falls
 START_S = 5.0  # until the processes of a run have loaded Mitsuba and compiled their first scene
 GAIN, CONTENTION = (
     1.5,

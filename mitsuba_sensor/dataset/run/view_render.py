@@ -124,7 +124,8 @@ def scene_options(view: PlannedView) -> RenderOptions:
     if "start_s" in config:
         of_scene["start_s"] = config["start_s"]
     of_scene["traverse"] = of_scene["traverse"] or None
-    return {**config["render"], **of_scene, "repeatable": True}  # type: ignore[typeddict-item]
+    decided = {"denoise": bool(config["render"].get("denoise")), "repeatable": True}
+    return {**config["render"], **of_scene, **decided}  # type: ignore[typeddict-item]
 
 
 def parsed_scene(view: PlannedView, options: RenderOptions) -> ParsedScene:

@@ -1,6 +1,5 @@
-"""Denoised photoelectrons: fewer samples for the same noise, with error bars that still hold.
+"""Denoised photoelectrons and their error bars.
 
-denoise.py comes first: it filters two independent halves of a render behind each colour filter. network.py is Open
-Image Denoise, guides.py are the auxiliary images it looks at, combine.py weighs what it returns against the render, and
-filter_bands.py makes spectral bands agree with the result.
+denoise.py filters two halves of a render and takes as much of the result as they prove right, network.py calls Intel
+Open Image Denoise, and guides.py traces the auxiliary images that it looks at.
 """

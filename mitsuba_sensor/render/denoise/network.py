@@ -12,27 +12,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import InputError
-from ..options import RenderOptions
 
 COLOURS = 3  # channels of a picture
-MOST_MEMORY_MB = 400
-"""Memory of the network, about: it goes through larger pictures in tiles, which takes longer."""
-TURNS = (1, 1), (-1, -1), (1, -1), (-1, 1)  # steps along rows and columns
+MEMORY_MAX_MB = (
+    400  # of the network, about: it goes through larger pictures in tiles, which takes longer
+)
 
 
 def library() -> ModuleType:
-    """The module pyoidn. Raises InputError if it is not installed."""
+    """Return the module pyoidn. Raises InputError if it is not installed."""
     try:
         return importlib.import_module("pyoidn")
     except ImportError:
-        remedy = "pip install pyoidn, or leave denoise out"
         raise InputError(
-            f"denoise needs Open Image Denoise, which this machine has not; {remedy}."
+            "denoise needs Open Image Denoise, which this machine has not; pip install pyoidn, or leave denoise out."
         ) from None
 
 
 def is_installed() -> bool:
-    """Whether Open Image Denoise can be loaded."""
+    """Return True if Open Image Denoise can be loaded."""
     try:
         library()
     except InputError:
@@ -41,36 +39,24 @@ def is_installed() -> bool:
 
 
 def name() -> str:
-    """Name of the library, with its version."""
+    """Return the name of the library, with its version."""
     return f"Open Image Denoise (pyoidn {metadata.version('pyoidn')})"
 
 
-def denoised_if_possible(options: RenderOptions) -> RenderOptions:
-    """The options with ``denoise`` where it is not decided and Open Image Denoise is installed."""
-    if options["denoise"] is None and is_installed():
-        return {**options, "denoise": True}
-    return options
-
-
-def is_undecided(options: RenderOptions) -> bool:
-    """Whether a forecast may leave out denoising: not where both lights or repeatable ones are asked for."""
-    decided = options["denoise"] is not None or options["raw_light"] or options["repeatable"]
-    return not decided and is_installed()
-
-
 class Network:
-    """Filters pictures (H, W, 3) of one size, as many as there are, within ``with``; large ones in tiles that overlap,
-    with the same result. Its memory is given back at the end, which the library's own function does not do.
+    """Filters pictures (H, W, 3) of one size, as many as there are, within ``with``; its memory is given back at the
+    end, which the library's own function does not do.
 
     normal : (H, W, 3) of the surfaces that all pictures show, or None where they have no guides.
     """
 
     def __init__(self, shape: tuple[int, int], normal: NDArray[np.float32] | None) -> None:
-        names = ["color", "output"]
+        self._images = {
+            name: np.zeros((*shape, COLOURS), np.float32) for name in ("color", "output")
+        }
         if normal is not None:
-            names = ["color", "albedo", "normal", "output"]
-        self._images = {name: np.zeros((*shape, COLOURS), np.float32) for name in names}
-        self._normal = normal
+            self._images["normal"] = np.ascontiguousarray(normal)
+            self._images["albedo"] = np.zeros((*shape, COLOURS), np.float32)
 
     def __enter__(self) -> Self:
         oidn = library()
@@ -81,8 +67,8 @@ class Network:
             for name, image in self._images.items():
                 self._filter.set_image(name, image, oidn.OIDN_FORMAT_FLOAT3)
             self._filter.set_bool("hdr", True)
-            self._filter.set_bool("cleanAux", self._normal is not None)
-            self._filter.set_int("maxMemoryMB", MOST_MEMORY_MB)
+            self._filter.set_bool("cleanAux", "albedo" in self._images)
+            self._filter.set_int("maxMemoryMB", MEMORY_MAX_MB)
             self._filter.commit()
             self._open = stack.pop_all()
         return self
@@ -92,20 +78,14 @@ class Network:
         self._images = {}
 
     def filtered(
-        self, colours: NDArray[np.float32], albedo: NDArray[np.float32] | float, turn: int
+        self, colours: NDArray[np.float32], albedo: NDArray[np.float32] | None
     ) -> NDArray[np.float32]:
-        """What the network makes of a picture, (H, W, 3), until the next one.
-
-        albedo : (H, W) of the surfaces; not used without normals.  turn : which of the TURNS the network sees: it errs
-        otherwise about a picture that is turned, so that the mean over several has less error.
-        """
-        rows, columns = TURNS[turn % len(TURNS)]
-        self._images["color"][::rows, ::columns] = colours
-        if self._normal is not None:
-            self._images["albedo"][::rows, ::columns] = np.asarray(albedo)[..., None]
-            self._images["normal"][::rows, ::columns] = self._normal
+        """Return what the network makes of a picture, (H, W, 3), until the next one.  albedo : (H, W, 3)."""
+        self._images["color"][...] = colours
+        if albedo is not None:
+            self._images["albedo"][...] = albedo
         self._filter.execute()
         problem = self._processor.get_error()
         if problem is not None:
             raise RuntimeError(f"Open Image Denoise: {problem}")
-        return self._images["output"][::rows, ::columns]
+        return self._images["output"]

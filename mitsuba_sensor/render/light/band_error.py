@@ -6,9 +6,7 @@ neighbouring bands; a band that stands out from them may be a line, anywhere wit
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -19,17 +17,15 @@ from ...core import Doubt, Float64Array
 from ...core.band_average import band_integrals
 from .irradiance import Irradiance, is_exact
 
-TOLERATED, DOUBTFUL = (
-    1e-3,
-    0.01,
-)  # of the electrons of a filter: what no note names, from where on Python warns
+TOLERATED = 1e-3  # of the electrons of a filter: what no note names
+DOUBTFUL = 0.01  # the same, from where on Python warns
 BLOCKS = 8  # along each side of the picture: their means have little of the render's noise
 DIMMEST = 0.01  # of a filter's mean electrons: darker blocks do not count
 STANDS_OUT = (
     1.5  # times the mean of its neighbours: two bands with a line on their common edge have 2
 )
 WIDTHS_NM = (50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5)
-STEPS = 64  # of a band, in search of the wavelength of a line that would change most
+STEPS = 64  # of a band, over which the responses are averaged
 
 
 class BandError(NamedTuple):
@@ -47,24 +43,28 @@ class BandError(NamedTuple):
 
 
 def band_error(light: Irradiance, camera: Camera) -> BandError:
-    """The error of ``collect(light, camera, …)``; 0 where the camera's own filters were rendered."""
+    """Return the error of ``collect(light, camera, …)``; 0 where the camera's own filters were rendered."""
     names = camera.filter_names
     if is_exact(light, camera):
         return BandError(names[0], 0.0, 0.0)
-    spectra, widths = _blocks(light), np.asarray(light.bandwidths_nm, dtype=np.float64)
-    flat, sloped, curved, extreme = _moments(
-        camera, np.asarray(light.wavelengths_nm, dtype=np.float64), widths
-    )
+    widths = np.asarray(light.bandwidths_nm, dtype=np.float64)[:, None]
+    places = (np.arange(STEPS) + 0.5) / STEPS - 0.5  # within a band
+    nm = np.asarray(light.wavelengths_nm, dtype=np.float64)[:, None] + widths * places
+    detected = np.atleast_2d(camera.qe(nm.ravel()) * nm.ravel()).reshape(-1, *nm.shape) * widths
+    flat = detected.mean(axis=-1)  # (F, B), as all of a filter and band
+    sloped = np.abs((detected * places).mean(axis=-1))
+    extreme = np.abs(detected - flat[..., None]).max(axis=-1)
+    spectra = _blocks(light)
     electrons = spectra @ flat.T
     seen = electrons > DIMMEST * electrons.mean(axis=0)
     if not seen.any():
         return BandError(names[0], 0.0, 0.0)
-    lines = spectra[:, None] * extreme  # (N, F, B), as all below
-    slopes, curvatures, stand_out = (one[:, None] for one in _departures(spectra))
-    smooth = np.minimum(slopes * np.abs(sloped) + curvatures * np.abs(curved), lines)
-    changes = np.where(stand_out, lines, smooth).sum(axis=-1), lines.sum(axis=-1)
-    per_electron = np.divide(1.0, electrons, out=np.zeros_like(electrons), where=seen)
-    largest, most = (np.max(change * per_electron, axis=0) for change in changes)
+    lines = spectra[:, None] * extreme  # (N, F, B)
+    slopes, stand_out = (one[:, None] for one in _departures(spectra))
+    usual = np.where(stand_out, lines, np.minimum(slopes * sloped, lines))
+    changes = np.stack([usual.sum(axis=-1), lines.sum(axis=-1)])
+    relative = np.divide(changes, electrons, out=np.zeros_like(changes), where=seen)
+    largest, most = relative.max(axis=1)
     worst = int(np.argmax(largest))
     return BandError(names[worst], float(largest[worst]), float(most.max()))
 
@@ -134,58 +134,23 @@ def unseen_note(light: Irradiance, camera: Camera) -> Iterator[str]:
 
 
 def _blocks(light: Irradiance) -> Float64Array:
-    """Mean spectra of parts of the picture, (N, B); pixels of infinite light do not count."""
-    height, width, _ = light.data.shape
-    row_edges, column_edges = (
-        np.linspace(0, n, min(n, BLOCKS) + 1).astype(int) for n in (height, width)
-    )
-    means = []
-    for rows, columns in itertools.product(pairwise(row_edges), pairwise(column_edges)):
-        part = light.data[slice(*rows), slice(*columns)]
-        mean = part.mean(axis=(0, 1), dtype=np.float64)
-        if not np.isfinite(mean).all():
-            finite = np.isfinite(part).all(axis=2, keepdims=True)
-            mean = np.where(finite, part, 0.0).mean(axis=(0, 1), dtype=np.float64)
-        means.append(mean)
-    return np.array(means)
+    """Return sums of the spectra of parts of the picture, (N, B); pixels of infinite light do not count."""
+    data = light.data
+    if not np.isfinite(data.sum()):
+        data = np.where(np.isfinite(data).all(axis=2, keepdims=True), data, np.float32(0))
+    for axis, count in enumerate(data.shape[:2]):
+        first = np.arange(min(count, BLOCKS)) * count // min(count, BLOCKS)
+        data = np.add.reduceat(data, first, axis=axis, dtype=np.float64)
+    return np.asarray(data.reshape(-1, data.shape[2]))
 
 
-def _departures(spectra: Float64Array) -> tuple[Float64Array, Float64Array, NDArray[np.bool_]]:
-    """|s| and |c| of E(x) − Ē = s·x + c·(x² − 1/12), x = (λ − λ_c)/Δλ, and which bands stand out, (N, B) each."""
+def _departures(spectra: Float64Array) -> tuple[Float64Array, NDArray[np.bool_]]:
+    """Return |s| of E(x) − Ē = s·x, x = (λ − λ_c)/Δλ, and which bands stand out, (N, B) each."""
     if spectra.shape[1] < 2:
-        return spectra, spectra, np.ones(spectra.shape, bool)
-    first, last = (
-        np.maximum(2 * spectra[:, [a]] - spectra[:, [b]], 0.0) for a, b in ((0, 1), (-1, -2))
-    )
+        return spectra, np.ones(spectra.shape, bool)
+    ends = ((0, 1), (-1, -2))
+    first, last = (np.maximum(2 * spectra[:, [a]] - spectra[:, [b]], 0.0) for a, b in ends)
     whole = np.concatenate([first, spectra, last], axis=1)
     below, above = whole[:, :-2], whole[:, 2:]
     slope = np.maximum(np.abs(above - spectra), np.abs(spectra - below))
-    return (
-        slope,
-        np.abs(above - 2 * spectra + below) / 2,
-        spectra > STANDS_OUT * (above + below) / 2,
-    )
-
-
-def _moments(
-    camera: Camera, centres_nm: Float64Array, widths_nm: Float64Array
-) -> tuple[Float64Array, ...]:
-    """∫ QE·λ·(1, x, x² − 1/12) dλ over each band, and Δλ·max |QE·λ − mean|, (F, B) each."""
-    points = np.array(camera.quantum_efficiency.wavelengths_nm)
-    low, high = centres_nm - widths_nm / 2, centres_nm + widths_nm / 2
-
-    def of_band(k: int) -> list[Float64Array]:
-        def times(power: int, less: float) -> Float64Array:
-            def curves(nm: Float64Array) -> Float64Array:
-                return np.asarray(
-                    camera.qe(nm) * nm * (((nm - centres_nm[k]) / widths_nm[k]) ** power - less)
-                )
-
-            return band_integrals(curves, points, low[[k]], high[[k]])[:, 0]
-
-        flat, nm = times(0, 0.0), np.linspace(low[k], high[k], STEPS + 1)
-        farthest = np.abs(camera.qe(nm) * nm * widths_nm[k] - flat[:, None]).max(axis=1)
-        return [flat, times(1, 0.0), times(2, 1 / 12), farthest]
-
-    found = np.array([of_band(k) for k in range(centres_nm.size)])  # (B, 4, F)
-    return tuple(np.moveaxis(found, 0, 2))
+    return slope, spectra > STANDS_OUT * (above + below) / 2

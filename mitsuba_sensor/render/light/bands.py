@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...camera.camera import Camera
 from ...camera.fingerprint import response_fingerprint
@@ -33,6 +34,9 @@ STEPS_NM = (
 DENSITY_STEPS = 64  # see round_wavelength_density
 NOTHING = 1e-30  # in place of 0
 SPECTRAL = ("auto", "cube", "channels")
+FACTORS = (0.0, 1e3)
+"""A band frees at most so many times the electrons of a flat spectrum; beyond it is rounding."""
+
 BandKind = Literal["cube", "single", "channels"]
 
 
@@ -263,14 +267,6 @@ def restrict_wavelengths(film: MitsubaObject, low_nm: float, high_nm: float) -> 
     )
 
 
-def take_wavelengths_of(film: MitsubaObject, other: MitsubaObject) -> None:
-    """From now on sample wavelengths for another film with the same channels as for this one."""
-    mine, others = (mitsuba().traverse(one.sensor_response_function()) for one in (film, other))
-    values = np.array(mine["values"], dtype=float)
-    if not np.array_equal(values, np.array(others["values"], dtype=float)):
-        _set_density(others, values)
-
-
 def round_wavelength_density(film: MitsubaObject) -> None:
     """Round the density from which the film samples wavelengths, so that its inversion in float32 is accurate.
 
@@ -350,3 +346,31 @@ def _flat_class(variant: str) -> MitsubaObject:
             return f"FlatResponse[{self.table}]"
 
     return FlatResponse
+
+
+def of_own_filter(
+    per_filter: NDArray[np.floating], tile: NDArray[np.integer], origin: tuple[int, int]
+) -> Float64Array:
+    """(H, W, F), or (H, W, 1) for all filters, as each pixel's own filter has it, (H, W).
+
+    tile : filter numbers that repeat over the sensor.  origin : (row, column) of the first pixel on it.
+    """
+    if per_filter.shape[2] == 1:
+        return np.asarray(per_filter[..., 0], np.float64)
+    found, (down, right) = np.empty(per_filter.shape[:2]), tile.shape
+    for row, column in np.ndindex(tile.shape):
+        here = (
+            slice((row - origin[0]) % down, None, down),
+            slice((column - origin[1]) % right, None, right),
+        )
+        found[here] = per_filter[*here, tile[row, column]]
+    return found
+
+
+def in_band_factor(
+    electrons: NDArray[np.floating], bands: NDArray[np.floating]
+) -> NDArray[np.float32]:
+    """Photoelectrons over those of the bands with a flat spectrum in each, (H, W); 1 where that is no number."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        factor = electrons / bands
+    return np.where(np.isfinite(factor), np.clip(factor, *FACTORS), 1.0).astype(np.float32)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...camera.camera import Camera
 from ...camera.fingerprint import pixel_fingerprint
 from ...core import Exposure, Float64Array
-from ..passes.passes import hashed_seed
+from ..samples import hashed_seed
 from .bands import Bands, filter_responses
 from .photons import electrons_per_irradiance, photons_per_irradiance
 
@@ -60,18 +60,16 @@ def radiance_of(
     seed: int,
     samples: int,
     rows: tuple[int, int],
-    count: int,
 ) -> NDArray[np.float32]:
-    """Passes of some rows, the groups of bands one after the other, (rows, columns × count, B + filters): see
-    :meth:`scene.scene.Scene.render`."""
+    """Return a pass of some rows, the groups of bands one after the other, (rows, columns, B + filters)."""
     if len(groups) == 1:
         if bands.kind == "cube":
             scene.restrict_wavelengths(*bands.ends_nm)
-        return folded([scene.render(seed, samples, rows, count)], groups, bands)
+        return folded([scene.render(seed, samples, rows)], groups, bands)
 
     def of_group(number: int) -> NDArray[np.float32]:
         scene.restrict_wavelengths(*bands.ends_of(groups[number]))
-        return scene.render(hashed_seed(seed, number, 0), samples, rows, count)
+        return scene.render(hashed_seed(seed, number, 0), samples, rows)
 
     return folded((of_group(number) for number in range(len(groups))), groups, bands)
 

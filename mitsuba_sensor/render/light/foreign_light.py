@@ -24,12 +24,11 @@ from ...optics.f_number_law import solid_angle_sr, transmittance
 from ...optics.intrinsics import View
 from ...optics.veiling_glare import glare_sentence, veiling_glare_of
 from ..lint.scene_spectra import MITSUBA_NM
-from ..passes.passes import clean
-from ..passes.statistics import RenderStatistics
+from ..samples import clean
 from ..variants import choose_variant, mitsuba, restores_variant, use
-from .bands import BANDWIDTH_NM
+from .bands import BANDWIDTH_NM, in_band_factor, of_own_filter
 from .irradiance import Irradiance
-from .own_filter import in_band_factor, of_own_filter
+from .statistics import RenderStatistics
 
 D65_OF_WHITE = 98.99741751876255  # D65 over this [W m⁻² sr⁻¹ nm⁻¹] is RGB (1, 1, 1): MI_CIE_D65_NORMALIZATION
 UPSAMPLED = "RGB up-sampled by Jakob & Hanika 2019 as in Mitsuba, times D65, which ends at 360 and 830 nm"
@@ -167,14 +166,13 @@ def irradiance_of(
 
     negative : how many became 0 before.
     """
-    found = clean(bands.values)
-    negative += found.negative
+    values, infinite, more_negative, non_finite = clean(bands.values)
+    negative += more_negative
     if negative:
         why = "colours outside sRGB, or a reconstruction filter that rings"
         notes = (*notes, f"{negative} negative values became 0; their usual cause is {why}")
-    data = found.values.astype(np.float32)
-    if found.infinite is not None:
-        data[found.infinite] = np.inf
+    data = values.astype(np.float32)
+    data[infinite] = np.inf
     statistics = RenderStatistics(
         passes=0,
         samples_per_pixel=0,
@@ -190,7 +188,7 @@ def irradiance_of(
         reliable=False,
         firefly_fraction=0.0,
         negative=negative,
-        non_finite=found.non_finite,
+        non_finite=non_finite,
         notes=(*notes, "the noise of a render in it is not known, and remains in the frames"),
         scene_sha256=sha256,
         aperture_f_number=None,

@@ -16,10 +16,9 @@ from ...camera.fingerprint import pixel_fingerprint, response_fingerprint
 from ...core import Exposure, InputError
 from ...core.signals import Illuminant
 from ...optics.waveform import Waveform
-from ..passes.statistics import RenderStatistics
-from .group_notes import without_unlit
 from .light_html import light_html
-from .light_sum import with_levels
+from .light_sum import with_levels, without_unlit
+from .statistics import RenderStatistics
 
 Region: TypeAlias = tuple[slice, slice] | NDArray[np.bool_]
 WHOLE = slice(None), slice(None)

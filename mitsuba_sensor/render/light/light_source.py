@@ -76,9 +76,7 @@ class CollectedLight:
         names = [name for name in of_scene if not name.startswith("lens.")]
         return unused_note(names, own, camera)
 
-    def render_noise(
-        self, frames: RawFrames
-    ) -> tuple[dict[str, float | None], tuple[str, ...]]:
+    def render_noise(self, frames: RawFrames) -> tuple[dict[str, float], tuple[str, ...]]:
         """What the render's noise means in these frames, see :func:`render_noise`, and the notes on it."""
         noise = render_noise(self.light, frames)
         return noise, () if self.per_frame else tuple(noise_note(self.light, noise, frames))

@@ -31,7 +31,7 @@ from ...core.units import photon_energy_j
 from ...optics.shutter import shutter_of
 from ...sensor.checks import as_photons, check_polarizers
 from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
-from .bands import Bands
+from .bands import Bands, of_own_filter
 from .irradiance import Irradiance, is_exact
 from .light_source import CollectedLight
 from .light_sum import OF_PHOTODIODES, light_of_frame
@@ -65,6 +65,17 @@ def electrons_per_irradiance(camera: Camera, exposure: Exposure, bands: Bands) -
         else camera.qe(bands.wavelengths_nm, bands.bandwidths_nm)
     )
     return np.asarray(detected * photons)
+
+
+def mean_electrons(light: Irradiance, camera: Camera, exposure: Exposure) -> Float64Array:
+    """Return the photoelectrons of each pixel, (H, W), of light that was rendered for this camera."""
+    photons = photons_per_irradiance(
+        camera, exposure, light.wavelengths_nm, light.bandwidths_nm
+    )
+    detected = camera.qe(light.wavelengths_nm, light.bandwidths_nm)
+    weights = (np.eye(len(photons)) if light.filters else np.atleast_2d(detected)) * photons
+    own = of_own_filter(light.data @ weights.T, np.array(camera.tile), light.origin)
+    return own if light.in_band is None else own * light.in_band
 
 
 def collect(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...camera.camera import Camera
 from ...optics.image_record import LARGE_PX, airy_diameter_px
-from ..passes.passes import SAMPLER
+from ..samples import SAMPLER
 from ..scene.polarizer_rays import polarised_by
 from ..scene.scene_file import POLARISING, SceneFile
 from ..scene.scene_sensors import sensors_of

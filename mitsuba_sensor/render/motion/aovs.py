@@ -21,7 +21,7 @@ from ...optics.shutter import Shutter, shutter_of
 from ..light.bands import choose_bands
 from ..limits import LONGEST_NM, SHORTEST_NM
 from ..options import SceneOptions
-from ..passes.passes import row_strips
+from ..samples import row_strips
 from ..scene.scene import Scene, load_scene
 from ..scene.scene_file import SceneFile
 from ..scene.scene_nodes import SceneInput

@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
 from itertools import pairwise
 from typing import Self
 
@@ -25,11 +24,9 @@ from ...camera.camera import Camera
 from ...core import Exposure, Float64Array, InputError, nearest
 from ...optics.shutter import displaced_share, phase_of_pass, shutter_of, subframes
 from ...optics.waveform import Waveform
-from ..denoise.guides import power_of_two, render_guides
-from ..passes.noisy_pixels import NoisyPixels
-from ..passes.passes import hashed_seed, whole_grid
-from ..passes.statistics import TimeSampling
-from ..scene.scene import GUIDE_SEED, Scene
+from ..light.statistics import TimeSampling
+from ..samples import hashed_seed, whole_grid
+from ..scene.scene import Scene
 from ..scene.scene_edits import moved_vertices, vertex_arrays
 from ..variants import MitsubaObject, mitsuba
 from .motion import Motion, RigidMotion
@@ -42,7 +39,7 @@ PROBES = 32  # rays along each side of the image that look for the largest speed
 INSTANTS = np.linspace(
     0, 1, 5
 )  # when they look, as fractions of the time from first row open to last row closed
-MOST_GUIDE_SUBFRAMES, FEWEST_GUIDE_RAYS = 16, 16  # of one exposure; per pixel and sub-frame
+GUIDE_SUBFRAMES_MAX = 16  # of one exposure
 OF_BOX: Float64Array = np.stack(np.meshgrid(*3 * [[0.0, 0.5, 1.0]]), axis=-1).reshape(-1, 3)
 MOST_FLASHED = 256  # sub-frames of an exposure and pass under a lamp that flickers, unless more are asked for
 MIDDLE = 0.5  # phase of sub-frames in the middles of their shares of the exposure
@@ -295,26 +292,13 @@ class MovingScene:
             waveform_displaced_px=displaced_px,
         )
 
-    def with_noisy(self, pixels: NoisyPixels) -> MovingScene:
-        """The same with more samples for some pixels."""
-        found = copy(self)
-        found.scene = self.scene.with_noisy(pixels)
-        return found
-
-    def most_together(self, samples: int) -> int:
-        """One pass, because each has instants of its own."""
-        return 1
-
     def begin_pass(self, seed: int, number: int) -> None:
         """The pass with this number, of a render with this seed, comes next: its instants lie between those of the
         passes before."""
         self._phase = phase_of_pass(hashed_seed(seed, 0, 0) / 2**32, number)
 
-    def render(
-        self, seed: int, samples: int, rows: tuple[int, int], count: int = 1
-    ) -> NDArray[np.float32]:
+    def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]:
         """One pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""
-        assert count == self.most_together(samples)
         wanted = self.asked_subframes or self._needed
         count = subframes_of_pass(wanted, samples)
         if self._waveform is not None:  # flashes are missed by fewer: one sample each at least
@@ -327,20 +311,10 @@ class MovingScene:
             rows,
         )
 
-    def guides(
-        self, wavelengths_nm: Float64Array, rows: tuple[int, int], rays: int, number: int = 0
-    ) -> NDArray[np.float32]:
-        """Guides of a denoiser for rows [first, last) of the crop, averaged over the exposure.  number : of the set of
-        rays."""
-        count = min(self.asked_subframes or self._needed, MOST_GUIDE_SUBFRAMES)
-        each = power_of_two(max(rays / count, FEWEST_GUIDE_RAYS))
-
-        def make(seed: int, block: tuple[int, int]) -> NDArray[np.float32]:
-            return render_guides(self.scene, wavelengths_nm, seed, each, block)
-
-        return self._exposed(
-            make, (GUIDE_SEED + number, phase_of_pass(MIDDLE, number)), count, rows
-        )
+    def averaged(self, make: Make, seed: int, rows: tuple[int, int]) -> NDArray[np.float32]:
+        """Return what ``make`` makes of rows [first, last) of the crop, averaged over the exposure."""
+        count = min(self.asked_subframes or self._needed, GUIDE_SUBFRAMES_MAX)
+        return self._exposed(make, (seed, MIDDLE), count, rows)
 
     def _exposed(
         self, make: Make, start: Start, count: int, rows: tuple[int, int]

@@ -1,179 +1,142 @@
-"""Render passes: their number, samples, seeds and strips of rows; mean and variance of equal passes (Welford)."""
+"""Sums of equal passes: mean and variance (Welford) of what each channel of the film detects, and bad values."""
 
 from __future__ import annotations
-
-import hashlib
-import math
-from itertools import pairwise
-from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Float64Array, InputError, require
-from ..limits import MOST_IN_ALL, MOST_REPEATABLE, MOST_SPP
+from ...core import Float64Array
+from ..light.bands import Bands, of_own_filter
+from ..samples import clean
+from ..scene.weight_noise import without_weight_noise
 
-SAMPLER = "multijitter"  # at 64 samples per pixel a quarter of the noise of "independent", at the same cost
-FEWEST, MOST = (
-    8,
-    16,
-)  # passes of a fixed number of samples: few large ones have less noise; pooled.py does the rest
-MOST_IN_FLIGHT = 2**22  # samples per pass: 45 MB a million in LLVM variants
-VALUES_AT_ONCE = 2**14  # that stay in a processor's cache
-MOST_VALUES = (
-    2**22
-)  # pixels × bands per strip: 32 MB for each float64 array of the running mean
+VALUES_AT_ONCE = 2**15  # that stay in a processor's cache
+USUAL = (1e-9, 1e9)
+"""Radiance whose squares float32 holds, with a wide margin on both sides."""
 
+ROUNDING = 1e-6  # of the light: what a float32 film loses is no noise
+ONE_PASS = 0.75  # of the squared deviations of all passes
 
-def pass_plan(spp: int, repeatable: bool = False) -> tuple[int, int]:
-    """(passes, samples per pixel and pass) whose product comes closest to ``spp``; at least two passes.
-
-    Multijitter fills a grid of about equal sides: it keeps 1, 2, 4, 6, 9, 12, 16 … samples and rounds others up. Only
-    such counts are chosen, with 8 to 16 passes (more only to stay at 1024 samples per pass); of equal plans the one
-    with fewer passes.
-
-    repeatable : passes of 1, 2, 4 or 8 samples. Threads of Dr.Jit share a film in vectors of pixels; the samples of a
-    pixel within one vector are always added in the same order, those in several by whichever thread comes first.
-    """
-    if require("spp", spp, 1, MOST_IN_ALL, "samples per pixel, e.g. 256") != int(spp):
-        raise InputError(
-            f"spp is {spp!r}; it must be a whole number of samples per pixel (e.g. 256)."
-        )
-    spp = int(spp)
-    if spp < FEWEST:
-        return max(spp, 2), 1
-    if repeatable:
-        samples = whole_grid(spp / FEWEST, repeatable)
-        return round(spp / samples), samples
-    fewest = max(FEWEST, math.ceil(spp / MOST_SPP))
-    plans = [
-        (k, n) for k in range(fewest, max(MOST, 2 * fewest) + 1) for n in _kept_counts(spp / k)
-    ]
-
-    return min(plans, key=lambda plan: (abs(plan[0] * plan[1] - spp), plan[0]))
+Electrons = tuple[Float64Array, Float64Array]
+"""Mean photoelectrons of each pixel, and the expected squared error of that mean, (H, W) each."""
 
 
-def _kept_counts(samples: float) -> list[int]:
-    """Counts near ``samples`` that multijitter keeps, at most 1024: r², r(r+1) and r(r+2) for r about the root."""
-    root = math.isqrt(int(samples))
-    grids = [
-        rows * (rows + more)
-        for rows in (root - 1, root, root + 1)
-        if rows > 0
-        for more in (0, 1, 2)
-    ]
-    return [n for n in grids if n <= MOST_SPP]
+class Welford:
+    """Mean of equal passes and their sum of squared deviations, (H, W, C) float32 each: of few passes float32 loses
+    less than the film does."""
 
+    def __init__(self, shape: tuple[int, int, int]) -> None:
+        self.mean, self.squares = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
 
-def whole_grid(samples: float, repeatable: bool = False) -> int:
-    """The largest count up to ``samples`` (1 … 1024) that multijitter keeps.  repeatable : see :func:`pass_plan`."""
-    if repeatable:
-        return 1 << (int(max(min(samples, MOST_REPEATABLE), 1)).bit_length() - 1)
-    return max([n for n in _kept_counts(min(samples, MOST_SPP)) if n <= samples], default=1)
-
-
-def row_strips(size: tuple[int, int], bands: int, samples: int) -> list[tuple[int, int]]:
-    """Cut (columns, rows) into strips of whole rows of nearly equal height that fit into memory."""
-    columns, rows = size
-    most = max(min(MOST_IN_FLIGHT // (columns * samples), MOST_VALUES // (columns * bands)), 1)
-    count = -(-rows // most)
-    return list(pairwise(rows * k // count for k in range(count + 1)))
-
-
-def hashed_seed(seed: int, strip: int, number: int) -> int:
-    """A 32-bit seed for one pass, unrelated to that of any other pass, strip or seed."""
-    return int.from_bytes(
-        hashlib.blake2b(f"{seed}/{strip}/{number}".encode(), digest_size=4).digest(), "little"
-    )
-
-
-class Cleaned(NamedTuple):
-    """Values without NaN, −inf and negatives, which became 0; +inf became 0 too and is marked, to saturate later."""
-
-    values: Float64Array
-    infinite: NDArray[np.bool_] | None
-    negative: int
-    non_finite: int
-
-
-def clean(raw: NDArray[np.floating]) -> Cleaned:
-    """Replace NaN, −inf and negative radiance by 0 and +inf by a mark, and count them."""
-    values = np.array(raw, dtype=np.float64, order="C")
-    if values.min() >= 0 and np.isfinite(values.sum()):  # nearly always
-        return Cleaned(values, None, 0, 0)
-    bad, infinite = ~np.isfinite(values), values == np.inf
-    negative = (values < 0) & ~bad
-    values[bad | negative] = 0.0
-    return Cleaned(values, infinite, int(negative.sum()), int(bad.sum()))
-
-
-class RunningMean:
-    """Mean of equal passes.  mean : zeros at first; of few passes float32 loses less than the film does."""
-
-    def __init__(self, mean: NDArray[np.floating]) -> None:
-        self.count, self.mean = 0, mean
-
-    def add(self, values: Float64Array) -> None:
-        """Add one pass."""
-        self.begin(1)
-        self.add_rows(values[None])
-
-    def begin(self, passes: int) -> None:
-        """What :meth:`add_rows` is given from now on belongs to so many more passes."""
-        self.count += passes
-
-    def add_rows(self, values: Float64Array, first: int = 0) -> None:
-        """Add rows of the passes that have begun, (passes, rows, …), a few at a time; they are written over.  first :
-        number of the first one."""
-        step = max(VALUES_AT_ONCE // max(math.prod(values.shape[2:]), 1), 1)
-        for start in range(0, values.shape[1], step):
-            some = values[:, start : start + step]
-            rows = slice(first + start, first + start + some.shape[1])
-            mean = some.mean(axis=0) if len(some) > 1 else some[0].copy()
-            delta = mean - self.mean[rows]
-            self.mean[rows] += delta * (len(some) / self.count)
-            self._note(rows, some, mean, delta)
-
-    def _note(
-        self, rows: slice, values: Float64Array, mean: Float64Array, delta: Float64Array
-    ) -> None:
-        """What else is to be known of values in some rows, whose mean was ``delta`` from that of the passes before."""
-
-
-class Welford(RunningMean):
-    """Mean and variance of equal passes, of several at once by the formula of Chan, Golub and LeVeque 1983, doi
-    10.1080/00031305.1983.10483115.
-
-    mean, spread : zeros at first; ``spread`` is the root of the sum of squared deviations, which may be too large or
-        too small for float32.
-    """
-
-    def __init__(self, mean: NDArray[np.floating], spread: NDArray[np.floating]) -> None:
-        super().__init__(mean)
-        self._spread = spread
-
-    @classmethod
-    def of_shape(cls, shape: tuple[int, ...]) -> Self:
-        """In float64."""
-        return cls(np.zeros(shape), np.zeros(shape))
-
-    def _note(
-        self, rows: slice, values: Float64Array, mean: Float64Array, delta: Float64Array
-    ) -> None:
-        here, before = len(values), self.count - len(values)
-        if self.count == 1:
-            return
+    def add(self, rows: slice, values: NDArray[np.float32], number: int) -> None:
+        """Add some rows of the pass with this number, from 1."""
+        delta = values - self.mean[rows]
+        self.mean[rows] += delta * np.float32(1 / number)
         delta *= delta
-        delta *= before * here / self.count
-        if here > 1:
-            values -= mean
-            delta += np.einsum("p...,p...->...", values, values)
-        delta += np.square(
-            self._spread[rows], dtype=np.float64
-        )  # of float32: neither too large nor too small
-        self._spread[rows] = np.sqrt(delta, out=delta)
+        delta *= np.float32(1 - 1 / number)
+        self.squares[rows] += delta
 
-    @property
-    def variance_of_mean(self) -> Float64Array:
-        """Variance of the mean of the passes; 0 for a single pass."""
-        return self._spread.astype(np.float64) ** 2 / max(self.count * (self.count - 1), 1)
+    def variance(self, passes: int) -> NDArray[np.float32]:
+        """Return the variance of the mean of so many passes; 0 of a single one."""
+        return self.squares / np.float32(max(passes * (passes - 1), 1))
+
+
+class Passes:
+    """What a film detected in the passes so far.
+
+    count, samples : passes, and samples per pixel of each (in all groups of bands).
+    bands, filters : sums of the bands [W m⁻² sr⁻¹], empty where only colour filters are rendered, and of the filters
+        [e-]; both divided by ``unit``.
+    even : sum of the passes 0, 2, 4, … behind the filters, for the denoiser.
+    infinite : (H, W) where a pass was infinite.  negative, non_finite : values that were set to 0.  lost : those that
+        were NaN or −∞.
+    per_radiance : (H, W) photoelectrons behind a filter for what the film has in its channel.
+    """
+
+    def __init__(
+        self,
+        bands: Bands,
+        per_radiance: Float64Array,
+        tile: NDArray[np.intp],
+        origin: tuple[int, int],
+    ) -> None:
+        shape, self._first_filter = per_radiance.shape, bands.first_filter
+        self._channels = len(bands) + bands.filters
+        self.per_radiance, self._tile, self._origin = per_radiance, tile, origin
+        self.bands = Welford((*shape, self._first_filter))
+        self.filters = Welford((*shape, self._channels - self._first_filter))
+        self.even = np.zeros_like(self.filters.mean)
+        self._brightest, self.infinite = np.zeros(shape, np.float32), np.zeros(shape, bool)
+        self.unit, self.count, self.samples = 1.0, 0, 0
+        self.negative = self.non_finite = self.lost = 0
+
+    def add(self, radiance: NDArray[np.float32], first: int) -> None:
+        """Add some rows of the pass with the number ``count``, (rows, W, channels); the array is written over.
+
+        first : number of the first row.  Behind the channels there may be the noise of the weights of the rays.
+        """
+        if self.count == 1 and self.unit == 1.0:
+            brightest = float(radiance.max(initial=0.0, where=np.isfinite(radiance)))
+            self.unit = 1.0 if USUAL[0] < brightest < USUAL[1] or not brightest else brightest
+        step = max(VALUES_AT_ONCE // max(radiance[0].size, 1), 1)
+        with np.errstate(
+            over="ignore", invalid="ignore"
+        ):  # of fireflies, whose square is infinite
+            for start in range(0, len(radiance), step):
+                some = radiance[start : start + step]
+                self._add_rows(slice(first + start, first + start + len(some)), some)
+
+    def _add_rows(self, rows: slice, radiance: NDArray[np.float32]) -> None:
+        values, excess = radiance[..., : self._channels], radiance[..., self._channels :]
+        if not (values.min() >= 0 and np.isfinite(values.sum())):
+            self._clean(rows, values)
+        if self.unit != 1.0:
+            values /= np.float32(self.unit)
+        of_filters = values[..., self._first_filter :]
+        if excess.size:
+            without_weight_noise(of_filters, excess)
+        if self._first_filter:
+            self.bands.add(rows, values[..., : self._first_filter], self.count)
+        self.filters.add(rows, of_filters, self.count)
+        if self.count % 2:
+            self.even[rows] += of_filters
+        here = self._brightest[rows]
+        np.maximum(here, self.own(of_filters, rows.start), out=here, casting="same_kind")
+
+    def _clean(self, rows: slice, values: NDArray[np.float32]) -> None:
+        """Make NaN, −∞ and negative values 0, and count them; of +∞ remember the pixel, which saturates."""
+        cleaned, infinite, negative, non_finite = clean(values)
+        values[...] = cleaned
+        self.infinite[rows] |= infinite.any(axis=-1)
+        self.negative, self.non_finite = self.negative + negative, self.non_finite + non_finite
+        self.lost += non_finite - int(infinite.sum())
+
+    def own(self, per_filter: NDArray[np.floating], first_row: int = 0) -> Float64Array:
+        """Return what each pixel has behind its own filter, (H, W), of values (H, W, F)."""
+        row, column = self._origin
+        return of_own_filter(per_filter, self._tile, (row + first_row, column))
+
+    def electrons(self) -> Electrons:
+        """Return mean and variance of the passes behind each pixel's own filter."""
+        factor = self.per_radiance * self.unit
+        mean = self.own(self.filters.mean) * factor  # of a control variate: maybe below 0
+        variance = self.own(self.filters.variance(self.count)) * factor**2
+        return np.maximum(mean, 0.0), variance
+
+    def halves(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the mean photoelectrons of the even passes and of the odd ones, (H, W, F) each, of two or more."""
+        factor = (self.per_radiance * self.unit).astype(np.float32)[..., None]
+        first = (self.count + 1) // 2
+        even = self.even / np.float32(first)
+        odd = (self.filters.mean * np.float32(self.count) - self.even) / np.float32(
+            self.count - first
+        )
+        return np.maximum(even, 0) * factor, np.maximum(odd, 0) * factor
+
+    def firefly_fraction(self) -> float:
+        """Return the share of the lit pixels that owe three quarters of the squared deviations to one bright pass."""
+        mean, squares = self.own(self.filters.mean), self.own(self.filters.squares)
+        lit = (mean > 0) & ~self.infinite
+        alone = (self._brightest - mean) ** 2 > ONE_PASS * squares
+        noisy = squares > (ROUNDING * mean) ** 2
+        return float((alone & noisy)[lit].mean()) if lit.any() else 0.0

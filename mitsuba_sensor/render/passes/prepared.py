@@ -5,14 +5,22 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal, Unpack, cast
+
+import numpy as np
 
 from ...camera.camera import Camera
 from ...camera.camera_file import AnyCamera, camera_of
 from ...camera.exposure_times import later_exposures
-from ...core import Exposure, Float64Array, InputError, first_given, warn_of
+from ...core import Caution, Exposure, Float64Array, InputError, first_given, warn_of
+from ...core.heap import trim_heap
 from ...core.options import complete, documents
+from ...optics.f_number_law import solid_angle_sr
+from ...optics.image_record import image_record
+from ...optics.intrinsics import aperture_f_number
 from ...optics.shutter import shutter_of
+from ...optics.veiling_glare import glare_sentence, veiling_glare_of
 from ...optics.waveform import Waveform
 from ...sensor.expose import PreparedExposure
 from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
@@ -20,39 +28,42 @@ from ...sensor.options import ExposeOptions
 from ...stages.usual_range import warn_of_temperature
 from ...theory.input_noise import input_noise
 from ...theory.plan import prepare_planned_exposure
-from ..denoise.network import denoised_if_possible, is_undecided
+from ..denoise.denoise import PASSES_MIN, PIXELS_MIN, Denoised, denoise, is_noisy
+from ..denoise.guides import Guides, detected_quarters, rays_for, trace_guides
+from ..denoise.network import is_installed
 from ..light.bands import Bands
 from ..light.brightness import NOT_LUMINOUS, luminous_weights, scale_to, with_brightness
-from ..light.film_channels import with_filters
+from ..light.film_channels import radiance_of, with_filters
 from ..light.illuminant import rendered_for
 from ..light.irradiance import Irradiance
-from ..light.photons import metered
+from ..light.photons import electrons_per_irradiance, metered, photons_per_irradiance
+from ..light.statistics import (
+    POOLED,
+    NoiseRatios,
+    RenderStatistics,
+    pooled,
+    relative_errors,
+    sum_error,
+    summary_of,
+    why_not_trusted,
+)
 from ..lint.electron_share import with_notes_of_shares
 from ..lint.refusals import refuse_black
 from ..motion.aovs import Aovs, aovs_of, load_for_rays
 from ..motion.motion import Motion, read_motion
-from ..motion.moving_scene import MovingScene
+from ..motion.moving_scene import MovingScene, pose_m
 from ..options import RenderOptions
+from ..samples import SAMPLER, hashed_seed, row_strips
 from ..scene.light_groups import AskedGroups, LightGroup, parts_of_light
 from ..scene.scene import Scene, load_scene
 from ..scene.scene_nodes import SceneInput
 from ..scene.scene_settings import ParsedScene, bands_asked_for, parse
-from ..variants import restores_variant
-from .denoise_choice import DenoiseChoice
-from .estimate import Estimate
-from .exposures import render_exposures
+from ..variants import mitsuba, restores_variant
 from .grouped import render_light_groups
-from .noise_goals import SensorNoise
-from .passes import SAMPLER
-from .render_record import statistics_of
-from .renderer import Criterion, Electrons, Renderer
-from .row_strip import Kept
-from .statistics import (
-    NoiseRatios,
-    RenderStatistics,
-    summary_of,
-)
+from .light_of_passes import agree_with_filters, in_band_of, raw_bands
+from .passes import Electrons, Passes
 from .stop_criterion import (
+    End,
     Progress,
     RenderProgress,
     StopCriterion,
@@ -63,6 +74,7 @@ from .told import told_progress
 
 METERING_SPP = 32  # of the render that is metered where the exposure must be known before
 BRIGHTNESS_SPP = 64  # of the render that finds the scale of the light
+GUIDE_SEED = 1
 
 
 @documents(RenderOptions)
@@ -91,13 +103,11 @@ def render(
         function is called with a :class:`render.passes.stop_criterion.RenderProgress`, also before the first pass.
     Raises InputError for anything wrong with the arguments or the scene. Ctrl-C is obeyed between passes.
     """
-    started, chosen = time.monotonic(), denoised_if_possible(complete(RenderOptions, options))
+    started = time.monotonic()
     with told_progress(progress, "render", {}) as tell:
-        undecided = is_undecided(complete(RenderOptions, options))
-        prepared = prepare(scene, camera_of(camera), exposure, undecided=undecided, **chosen)
-        light = prepared.render(
-            prepared.seed(seed), prepared.stop_criterion(chosen), tell, started=started
-        )
+        prepared = prepare(scene, camera_of(camera), exposure, **options)
+        stop = prepared.stop_criterion(prepared.options)
+        light = prepared.render(prepared.seed(seed), stop, tell, started=started)
     warn_of(light.notes)
     return light
 
@@ -106,11 +116,10 @@ def render(
 class PreparedRender:
     """A loaded scene that can be rendered for one camera and exposure as often as asked.
 
-    unit_m : metres per unit.  denoise : None where nobody has decided; not denoised then.  undecided : whether a
-    forecast may leave denoising out.  raw_light : whether what is denoised is kept as it was, too.  metering : how the
-    exposure is found, or was; None where it was given.  metered : whether it is known; otherwise it is one second, and
-    each light has :meth:`exposure_of` its own.  light_groups : that are rendered apart; none: all light together.
-    is_group : whether it is of one of these groups, which may be black.
+    metering : how the exposure is found, or was; None where it was given.  metered : whether it is known; otherwise it
+        is one second, and each light has :meth:`exposure_of` its own.
+    light_groups : that are rendered apart; none: all light together.  groups : of how many it is one, which may be
+        black; 0 where it is the whole.
     one_exposure : whether it is of one exposure alone, also where read-outs of the camera follow each other.
     group_scenes, waveforms : of the groups where something moves, by name; the scenes for later frames.
     """
@@ -120,25 +129,15 @@ class PreparedRender:
     camera: Camera
     exposure: Exposure
     bands: Bands
-    renderer: Renderer
-    denoise: bool | None
-    raw_light: bool
-    width: int | None
-    motion: Motion
-    unit_m: float
-    sampler: str = SAMPLER
+    options: RenderOptions
+    motion: Motion = field(default_factory=Motion)
     metering: Metering | None = None
     metered: bool = False
     light_groups: tuple[LightGroup, ...] = ()
-    is_group: bool = False
+    groups: int = 0
     one_exposure: bool = False
     group_scenes: dict[str, Scene] = field(default_factory=dict)
-    undecided: bool = False
     waveforms: Mapping[str, Waveform] = field(default_factory=dict)
-
-    @property
-    def _kept(self) -> Kept:
-        return Kept.of(self.denoise, self.raw_light or self.undecided)
 
     @property
     def at_rest(self) -> Scene:
@@ -151,10 +150,13 @@ class PreparedRender:
         return 0.0 if isinstance(self.scene, Scene) else self.scene.begin_s
 
     @property
-    def _is_followed(self) -> bool:
-        """Whether other exposures of the same frame see the scene at another time."""
-        moves = isinstance(self.scene, MovingScene) and not self.one_exposure
-        return moves and bool(later_exposures(self.camera, self.exposure))
+    def unit_m(self) -> float:
+        """Metres per unit of the scene."""
+        return self.parsed.settings.metres(self.options["scene_unit"]) or 1.0
+
+    @cached_property
+    def _solid_angle(self) -> Float64Array:
+        return solid_angle_sr(self.scene.view, self.camera)
 
     def seed(self, given: int | None) -> int:
         """The seed that was given, else the scene file's, else 1, as this sensor has it. Raises InputError."""
@@ -171,71 +173,312 @@ class PreparedRender:
         progress: Progress | None = None,
         *,
         started: float | None = None,
-        criterion: Criterion | None = None,
     ) -> Irradiance:
-        """One render; started : when it began, on the monotonic clock [s]; criterion : see :meth:`Renderer.run`."""
-        if self._is_followed:
-            return render_exposures(self, seed, stop, progress, started, criterion)
+        """Return the light of one render.  started : when it began, on the monotonic clock [s]."""
+        began = time.monotonic() if started is None else started
+        later = later_exposures(self.camera, self.exposure, self.begin_s)
+        if later and isinstance(self.scene, MovingScene) and not self.one_exposure:
+            return self._render_exposures(later, seed, stop, progress, began)
         if self.light_groups:
-            return render_light_groups(self, seed, stop, progress, started)
-        began, renderer = time.monotonic() if started is None else started, self.renderer
-        renderer.choice = DenoiseChoice(self, stop) if self.denoise and self.undecided else None
-        end = renderer.run(
-            seed, stop, progress or (lambda step: None), criterion or SensorNoise(self, stop)
-        )
-        raw, kept = renderer.electrons(), None
-        if self.denoise and renderer.denoises():
-            if progress is not None:
-                seconds = time.monotonic() - began
-                progress(
-                    RenderProgress(
-                        renderer.passes, renderer.passes, seconds=seconds, doing="denoising"
-                    )
-                )
-            kept = renderer.result(keep=True) if self.raw_light else None
-            renderer.denoise(last=True)
-        found = renderer.result()
-        if not (found.data.any() or self.is_group):
-            refuse_black(self.bands.ends_nm, renderer.lost, self.at_rest.findings)
-        exposure, serial = self.exposure, self.parsed.serial(None)
-        light = self._irradiance(
-            found, raw, statistics_of(self, stop, end, began, exposure, raw)
-        )
+            return render_light_groups(self, seed, stop, progress, began)
+        tell = progress or (lambda step: None)
+        passes, end, sample_s = self._passes(seed, stop, tell)
+        raw = self._behind_glare(passes.electrons())
+        exposure = self._exposure_for(raw[0])
+        before = self._noise_ratios(exposure, raw, passes, passes.count)
+        denoised = None
+        if self._is_to_be_denoised(passes, before):
+            seconds = time.monotonic() - began
+            tell(RenderProgress(passes.count, passes.count, seconds=seconds, doing="denoising"))
+            denoised = self._denoised(passes)
+        statistics = self._statistics(passes, stop, end, before, raw)
+        statistics = replace(statistics, seconds_per_sample=sample_s)
+        kept = None
+        if denoised is not None and self.options["raw_light"]:
+            kept = self._light(passes, raw, None, statistics, keep=True)
+        light = self._light(passes, raw, denoised, statistics)
+        if not (light.data.any() or self.groups):
+            refuse_black(self.bands.ends_nm, passes.lost, self.at_rest.findings)
         if self.metering is not None and not self.metered:
             exposure = metered(light, self.camera, self.metering)
-            light = replace(
-                light, statistics=statistics_of(self, stop, end, began, exposure, raw)
-            )
-        light = replace(
-            light, rendered_for=rendered_for(self.at_rest, self.camera, exposure, serial)
-        )
-        light = with_notes_of_shares(light, self.camera, self.at_rest.findings)
-        if not self.is_group:
-            light = with_brightness(light, self)
-        renderer.choice = None  # a cycle, which would keep the scene loaded for a while
-        if kept is None or renderer.denoised is None:
+        light = self._described(light, passes, exposure, raw, denoised, began)
+        if kept is None:
             return light
-        ratios = self.noise_ratios(exposure, raw, renderer.passes)
-        return replace(
-            light,
-            raw=self._irradiance(kept, raw, replace(light.statistics, denoised=None, **ratios)),
+        ratios = self._noise_ratios(exposure, raw, passes, passes.count)
+        statistics = replace(light.statistics, denoised=None, **ratios)
+        return replace(light, raw=replace(kept, statistics=statistics))
+
+    def _passes(
+        self, seed: int, stop: StopCriterion, tell: Progress
+    ) -> tuple[Passes, End, float]:
+        """Render until nothing more is asked for; return the passes, why they end, and the seconds of one sample in
+        every pixel, without the first pass, which compiles."""
+        view, scene = self.scene.view, self.scene
+        electrons = float(
+            photons_per_irradiance(
+                self.camera, self.exposure, [self.bands.reference_nm], [1.0]
+            )[0]
+        )
+        per_radiance = self._solid_angle * (electrons * self.bands.light_scale)
+        tile = np.array(self.camera.tile)
+        passes = Passes(self.bands, per_radiance, tile, view.crop_offset[::-1])
+        groups = self.bands.groups if stop.grouped else (slice(0, len(self.bands)),)
+        passes.samples = stop.samples * len(groups)
+        strips, most = row_strips(view.crop_size, stop.samples), stop.most
+        end: End | None = None
+        began, first_s, ratio = time.monotonic(), 0.0, np.nan
+        tell(RenderProgress(0, most * len(strips)))
+        while end is None:
+            if isinstance(scene, MovingScene):
+                scene.begin_pass(seed, passes.count)
+            passes.count += 1
+            for number, rows in enumerate(strips):
+                if number:
+                    done = (passes.count - 1) * len(strips) + number
+                    tell(
+                        RenderProgress(
+                            done, most * len(strips), ratio, time.monotonic() - began
+                        )
+                    )
+                pass_seed = hashed_seed(seed, number, passes.count - 1)
+                radiance = radiance_of(scene, self.bands, groups, pass_seed, stop.samples, rows)
+                passes.add(radiance, rows[0])
+            seconds = time.monotonic() - began
+            first_s = first_s or seconds
+            if stop.goal is not None and passes.count > 1:
+                ratio = self._ratio_reached(passes, stop.percentile)
+            end = stop.finished(passes.count, ratio, seconds)
+            most = passes.count if end and most else most
+            tell(RenderProgress(passes.count * len(strips), most * len(strips), ratio, seconds))
+        later = max(passes.count - 1, 1)
+        sample_s = (seconds - (first_s if passes.count > 1 else 0.0)) / later / passes.samples
+        return passes, end, sample_s
+
+    def _ratio_reached(self, passes: Passes, percentile: float) -> float:
+        """The noise ratio that so many percent of the lit pixels stay below; infinite where none is lit yet."""
+        light = self._behind_glare(passes.electrons())
+        ratios = self._noise_ratios(self._exposure_for(light[0]), light, passes, passes.count)
+        if not light[0].any():
+            return np.inf
+        return ratios["noise_ratio_median" if percentile == 50 else "noise_ratio_p95"]
+
+    def _exposure_for(self, mean_e: Float64Array) -> Exposure:
+        """The exposure of light that has so many photoelectrons in that of the render."""
+        lit_e = mean_e[(mean_e > 0) & np.isfinite(mean_e)]
+        if self.metering is None or self.metered or not lit_e.size:
+            return self.exposure
+        time_s = self.metering.time_of(lit_e, self.camera, self.exposure)
+        return replace(self.exposure, time_s=time_s)
+
+    def noise_ratio(self, exposure: Exposure, light: Electrons) -> Float64Array:
+        """Render variance over sensor variance of each pixel.  light : in the exposure of the render."""
+        longer = exposure.time_s / self.exposure.time_s if self.exposure.time_s else 1.0
+        noise = input_noise(self.camera, exposure)
+        return noise.ratio(light[0] * longer, light[1] * longer**2)
+
+    def _noise_ratios(
+        self, exposure: Exposure, light: Electrons, passes: Passes, count: int
+    ) -> NoiseRatios:
+        """Noise ratios of the lit pixels.  count : of the passes that measured the variance, many if pooled."""
+        lit = (light[0] > 0) & ~passes.infinite
+        return summary_of(self.noise_ratio(exposure, light), lit, count)
+
+    def _behind_glare(self, light: Electrons) -> Electrons:
+        """Photoelectrons behind the veiling glare of the lens."""
+        glare = veiling_glare_of(self.camera, self.scene.view)
+        if glare is None:
+            return light
+        origin = self.scene.view.crop_offset[::-1]
+        return glare.of_electrons(*light, self.camera.filter_index(light[0].shape, origin))
+
+    def _is_to_be_denoised(self, passes: Passes, before: NoiseRatios) -> bool:
+        """Whether that was asked for, or nobody said otherwise and the render ends above the sensor's noise; never of
+        few passes or pixels, nor where no camera sees the noise."""
+        asked = self.options["denoise"]
+        if asked is None:
+            asked = is_installed() and before["noise_ratio_p95"] * max(self.groups, 1) > 1
+        periods = self.camera.sensor.polarizer_periods
+        enough = passes.infinite.size >= PIXELS_MIN * np.prod(periods)
+        return bool(
+            asked and enough and passes.count >= PASSES_MIN and is_noisy(*passes.electrons())
         )
 
-    def _irradiance(
-        self, found: Estimate, raw: Electrons, statistics: RenderStatistics
+    def _denoised(self, passes: Passes) -> Denoised:
+        """The photoelectrons behind each filter, denoised; guided by rays where they are not traced in Python."""
+        height, guides = self.scene.view.crop_size[1], None
+        if not mitsuba().variant().startswith("scalar"):
+            weights = electrons_per_irradiance(self.camera, self.exposure, self.bands)
+            sums = passes.bands if self.bands.first_filter else passes.filters
+            spectrum = (
+                sums.mean.mean(axis=(0, 1), dtype=np.float64)
+                * self.bands.scale[: len(self.bands)]
+            )
+            typical_nm = detected_quarters(weights, spectrum, self.bands.wavelengths_nm)
+            rays = rays_for(passes.count * passes.samples)
+
+            def make(seed: int, rows: tuple[int, int]) -> np.ndarray:
+                return trace_guides(self.at_rest, typical_nm, seed, rays, rows)
+
+            if isinstance(self.scene, Scene):
+                values = make(GUIDE_SEED, (0, height))
+            else:
+                values = self.scene.averaged(make, GUIDE_SEED, (0, height))
+            guides = Guides(values[..., :-3], values[..., -3:])
+        trim_heap()
+        factor = (passes.per_radiance * passes.unit).astype(np.float32)[..., None]
+        variance = passes.filters.variance(passes.count) * factor * factor
+        share = ((passes.count + 1) // 2) / passes.count
+        periods = self.camera.sensor.polarizer_periods
+        return denoise(passes.halves(), variance, share, guides, periods)
+
+    def _light(
+        self,
+        passes: Passes,
+        raw: Electrons,
+        denoised: Denoised | None,
+        statistics: RenderStatistics,
+        keep: bool = False,
     ) -> Irradiance:
+        """The irradiance of the passes.  keep : whether their sums are needed afterwards."""
+        before, infinite = passes.electrons(), passes.infinite
+        weights = electrons_per_irradiance(self.camera, self.exposure, self.bands)
+        of_passes = before[0], pooled(before[0], before[1], passes.count)
+        of_filters = None
+        if denoised is not None:
+            factor = (passes.per_radiance * passes.unit).astype(np.float32)[..., None]
+            of_filters = passes.filters.mean * factor
+        data, error = raw_bands(passes, self.bands, self._solid_angle, keep)
+        light = of_passes
+        if denoised is not None and of_filters is not None:
+            light = passes.own(denoised.mean), passes.own(denoised.variance)
+            gain = np.divide(
+                light[0], before[0], out=np.zeros_like(before[0]), where=before[0] > 0
+            )
+            relative = tuple(relative_errors(*one, infinite) for one in (of_passes, light))
+            agree_with_filters(data, error, weights, of_filters, denoised, (gain, *relative))
+        glare = veiling_glare_of(self.camera, self.scene.view)
+        if glare is not None:
+            light = self._behind_glare(light)
+            if denoised is None:
+                light = light[0], pooled(raw[0], raw[1], passes.count)
+            glare.add_to_bands(data, error)
+        data[infinite] = error[infinite] = np.inf
         names = self.camera.filter_names if self.bands.kind == "channels" else None
         return Irradiance(
-            **found._asdict(),
-            wavelengths_nm=self.bands.wavelengths_nm,
-            bandwidths_nm=self.bands.bandwidths_nm,
-            statistics=statistics,
+            data,
+            self.bands.wavelengths_nm,
+            self.bands.bandwidths_nm,
+            error,
+            relative_errors(*light, infinite),
+            statistics,
             filters=names,
             response=self.bands.response,
             polarizers=self.at_rest.polarizers,
             origin=self.scene.view.crop_offset[::-1],
-            pass_error=self.renderer.pass_error(raw, statistics.denoised is not None),
+            in_band=in_band_of(passes, light[0], data, weights) if self.bands.filters else None,
+            pass_error=relative_errors(light[0], raw[1], infinite),
         )
+
+    def _described(
+        self,
+        light: Irradiance,
+        passes: Passes,
+        exposure: Exposure,
+        raw: Electrons,
+        denoised: Denoised | None,
+        began: float,
+    ) -> Irradiance:
+        """The light with what it was rendered for, its noise in this exposure, brightness and notes."""
+        ratios, record = self._noise_ratios(exposure, raw, passes, passes.count), None
+        if denoised is not None:
+            record = {
+                **denoised.record,
+                "guided": self.parsed.variant.backend != "scalar",
+                "raw_noise_ratio_median": ratios["noise_ratio_median"],
+                "raw_noise_ratio_p95": ratios["noise_ratio_p95"],
+            }
+            found = passes.own(denoised.mean), passes.own(denoised.variance)
+            ratios = self._noise_ratios(exposure, self._behind_glare(found), passes, POOLED)
+        statistics = replace(
+            light.statistics,
+            seconds=time.monotonic() - began,
+            denoised=record,
+            metering=None if self.metering is None else self.metering.record(exposure),
+            **ratios,
+        )
+        known = rendered_for(self.at_rest, self.camera, exposure, self.parsed.serial(None))
+        light = replace(light, statistics=statistics, rendered_for=known)
+        light = with_notes_of_shares(light, self.camera, self.at_rest.findings)
+        return light if self.groups else with_brightness(light, self)
+
+    def _statistics(
+        self, passes: Passes, stop: StopCriterion, end: End, ratios: NoiseRatios, raw: Electrons
+    ) -> RenderStatistics:
+        """How a render came about, before it is denoised and metered."""
+        samples, fireflies = passes.count * passes.samples, passes.firefly_fraction()
+        doubt = why_not_trusted(passes.count, fireflies, passes.lost)
+        notes = [*self.scene.notes]
+        if self.parsed.settings.is_default_camera:
+            notes.append(
+                f"rendered for {self.camera.name}, because no camera was given and the scene names none (--camera)"
+            )
+        notes += self.parsed.settings.unused_note(self.camera)
+        if self.camera.lens.veiling_glare > 0:
+            notes.append(glare_sentence(self.camera))
+        if (
+            self.options["denoise"] is None
+            and ratios["noise_ratio_p95"] > 1
+            and not is_installed()
+        ):
+            notes.append(
+                "not denoised: Open Image Denoise is not installed; pip install pyoidn"
+            )
+        notes += stop.notes(end, samples)
+        notes += [Caution(doubt)] if doubt else []
+        notes += [self.parsed.variant.hint] if self.parsed.variant.hint else []
+        view = self.scene.view
+        pose = pose_m(self.at_rest, self.motion, self.unit_m, self.begin_s)
+        return RenderStatistics(
+            passes=passes.count,
+            samples_per_pixel=samples,
+            seconds=0.0,
+            variant=self.parsed.variant.name,
+            sampler=SAMPLER,
+            spectral=self.bands.kind,
+            **ratios,
+            noise_ratio_asked=stop.goal if stop.reached == "noise_ratio" else None,
+            ended_by=end,
+            reliable=not doubt,
+            firefly_fraction=fireflies,
+            negative=passes.negative,
+            non_finite=passes.non_finite,
+            notes=tuple(notes),
+            facts=tuple(str(one) for one in self.at_rest.findings if one.level == "fact"),
+            scene_sha256=self.scene.sha256,
+            aperture_f_number=aperture_f_number(view, self.camera),
+            intrinsics=image_record(view, self.camera),
+            camera_to_world=pose.tolist(),
+            sum_error=sum_error(*raw),
+            motion=self.scene.time_sampling(),
+        )
+
+    def _render_exposures(
+        self,
+        later: Mapping[str, tuple[Exposure, float]],
+        seed: int,
+        stop: StopCriterion,
+        progress: Progress | None,
+        began: float,
+    ) -> Irradiance:
+        """The light of the first exposure of a frame of a camera whose read-outs follow each other, which knows that of
+        the later ones; each has as many samples."""
+        first, lights = replace(self, one_exposure=True), dict[str, Irradiance]()
+        assert isinstance(self.scene, MovingScene)
+        light = first.render(seed, stop, progress, started=began)
+        for number, (name, (exposure, begin_s)) in enumerate(later.items()):
+            one = first.moved_to(self.motion, begin_s, exposure, self.scene.asked_subframes)
+            lights[name] = one.render(hashed_seed(seed, -4, number), stop, progress)
+        return replace(light, later=lights)
 
     def exposure_of(self, light: Irradiance) -> Exposure:
         """The exposure of this light: what was given, or found when it was metered."""
@@ -254,20 +497,15 @@ class PreparedRender:
         """The same scene with a motion, in a frame that begins at ``begin_s``. Raises InputError."""
         asked = self.camera, exposure, subframes, self.unit_m, begin_s, waveform
         moving = MovingScene(self.at_rest, motion, *asked)
-        renderer = Renderer(moving, self.camera, exposure, self.bands, self._kept)
-        moved = replace(self, scene=moving, motion=motion, renderer=renderer)
-        return replace(moved, exposure=exposure, metered=True)
+        return replace(self, scene=moving, motion=motion, exposure=exposure, metered=True)
 
     def metered_first(self) -> PreparedRender:
         """The same, its exposure known: where it is to be metered, by a short render from now on. Raises InputError."""
         if self.metering is None or self.metered:
             return self
-        light = replace(self, denoise=False).render(
-            self.seed(None), stop_criterion_of({"spp": METERING_SPP})
-        )
-        exposure = self.exposure_of(light)
-        renderer = Renderer(self.scene, self.camera, exposure, self.bands, self._kept)
-        return replace(self, exposure=exposure, renderer=renderer, metered=True)
+        plain = replace(self, options={**self.options, "denoise": False})
+        light = plain.render(self.seed(None), stop_criterion_of({"spp": METERING_SPP}))
+        return replace(self, exposure=self.exposure_of(light), metered=True)
 
     def at_luminance(self, luminance: float) -> PreparedRender:
         """The same with all emitters scaled, so that the picture has this median luminance [cd/m²]. Raises InputError.
@@ -275,9 +513,7 @@ class PreparedRender:
         A short render finds the scale, which all frames share. It is denoised if possible: a noisy median is too low.
         """
         light = self.render(self.seed(None), stop_criterion_of({"spp": BRIGHTNESS_SPP}))
-        bands = replace(self.bands, light_scale=scale_to(luminance, light))
-        renderer = Renderer(self.scene, self.camera, self.exposure, bands, self._kept)
-        return replace(self, bands=bands, renderer=renderer)
+        return replace(self, bands=replace(self.bands, light_scale=scale_to(luminance, light)))
 
     def sensor(self, options: ExposeOptions) -> PreparedExposure:
         """The exposure of what is rendered, checked before anything is: ``.of(photons).frames()``. Seed and serial
@@ -298,24 +534,10 @@ class PreparedRender:
         if (
             self.motion != Motion()
         ):  # a mesh that has moved and come back is off by rounding: built again
-            scene = load_for_rays(self.parsed.file, self.camera, self.unit_m, self.width)
+            width = self.options["width"]
+            scene = load_for_rays(self.parsed.file, self.camera, self.unit_m, width)
         shutter = shutter_of(self.camera, self.exposure, self.begin_s)
         return aovs_of(scene, self.motion, self.unit_m, shutter)
-
-    def noise_ratios(
-        self, exposure: Exposure, electrons: Electrons, passes: int
-    ) -> NoiseRatios:
-        """Render variance over sensor variance in an exposure. passes : that measured the variance, many if pooled."""
-        in_pixel = electrons[0] + self.renderer.beside_e, electrons[1]
-        ratio = self.noise_ratio(exposure, in_pixel)
-        return summary_of(ratio, (electrons[0] > 0) & ~self.renderer.infinite(), passes)
-
-    def noise_ratio(self, exposure: Exposure, in_pixel: Electrons) -> Float64Array:
-        """The same of pixels.  in_pixel : mean photoelectrons of all light, and the variance of the render's mean."""
-        (mean_e, variance_e2), known = in_pixel, exposure == self.exposure
-        longer = 1.0 if known else exposure.time_s / self.exposure.time_s
-        noise = self.renderer.noise if known else input_noise(self.camera, exposure)
-        return noise.ratio(mean_e * longer, variance_e2 * longer**2)
 
     def of_light_group(self, group: LightGroup) -> PreparedRender:
         """The render of one group of emitters, for the same camera, exposure and bands."""
@@ -325,12 +547,11 @@ class PreparedRender:
             {},
             group.camera(self.camera),
             self.unit_m,
-            width=self.width,
-            sampler=self.sampler,
+            width=self.options["width"],
             emitters=group.emitters,
         )
-        renderer = Renderer(at_rest, self.camera, self.exposure, self.bands, self._kept)
-        still = replace(self, scene=at_rest, renderer=renderer, light_groups=(), is_group=True)
+        count = len(self.light_groups)
+        still = replace(self, scene=at_rest, light_groups=(), groups=count)
         if isinstance(self.scene, Scene):
             return still
         self.group_scenes[group.name] = at_rest
@@ -344,14 +565,11 @@ def prepare(
     exposure: AskedExposure | None = None,
     *,
     usual: Literal["auto", "channels"] = "auto",
-    sampler: str = SAMPLER,
-    undecided: bool = False,
     **options: Unpack[RenderOptions],
 ) -> PreparedRender:
     """Check all that was asked for, read what was not from the scene file, and load the scene.
 
     usual : the value of ``spectral`` where neither the options nor the scene file ask for anything.
-    sampler : of Mitsuba; no other is better.  undecided : whether a forecast may leave out denoising.
     No ray is traced, except where an exposure that is to be metered decides what is rendered, with a motion or a noise
     ratio: a short render at rest finds it. Raises InputError.
     """
@@ -367,28 +585,13 @@ def prepare(
     known = asked.unit_exposure if isinstance(asked, Metering) else asked
     warn_of_temperature(known.temperature_k)
     bands = with_filters(bands_asked_for(chosen, settings, camera, usual), camera)
-    metres = settings.metres(chosen["scene_unit"]) or 1.0
-    asked_groups = cast(AskedGroups | None, chosen["light_groups"])
-    groups = parts_of_light(parsed.file, asked_groups, camera)
-    at_rest = load_scene(
-        parsed.file,
-        bands,
-        {},
-        camera,
-        chosen["scene_unit"],
-        width=chosen["width"],
-        sampler=sampler,
+    groups = parts_of_light(
+        parsed.file, cast(AskedGroups | None, chosen["light_groups"]), camera
     )
-    motion, kept = (
-        read_motion(chosen["motion"]),
-        Kept.of(chosen["denoise"], chosen["raw_light"] or undecided),
-    )
-    renderer = Renderer(at_rest, camera, known, bands, kept)
-    asked_for = chosen["denoise"], chosen["raw_light"], chosen["width"]
-    loaded = parsed, at_rest, camera, known, bands, renderer
-    still = PreparedRender(
-        *loaded, *asked_for, Motion(), metres, sampler, metering, undecided=undecided
-    )
+    unit, width = chosen["scene_unit"], chosen["width"]
+    at_rest = load_scene(parsed.file, bands, {}, camera, unit, width=width)
+    motion = read_motion(chosen["motion"])
+    still = PreparedRender(parsed, at_rest, camera, known, bands, chosen, metering=metering)
     if chosen["luminance"] is not None:
         if luminous_weights(bands) is None:
             raise InputError(NOT_LUMINOUS)

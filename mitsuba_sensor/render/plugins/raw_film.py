@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from ...core import InputError
 from ...sensor.expose import exposure_of_photons
 from ..light.photons import collected
-from ..passes.passes import hashed_seed
 from ..passes.prepared import render
+from ..samples import hashed_seed
 from ..scene.plugin_id import PluginParameters, parameters_of
 from ..scene.scene_nodes import LoadedView
 from ..variants import MitsubaObject, mitsuba
@@ -116,8 +116,14 @@ def _film_class(variant: str) -> MitsubaObject:
             return mi.Bitmap(self._frame()[..., None])
 
         def write(self, path: Any) -> None:
-            """The raw frame as float32, in an EXR for example."""
-            mi.Bitmap(self._frame().astype(np.float32)[..., None]).write(str(path))
+            """Write the raw frame: float32 in an EXR, else whole numbers of 16 bits, in a PNG for example."""
+            digital = self._frame()
+            dtype = np.float32 if str(path).lower().endswith(".exr") else np.uint16
+            if digital.max(initial=0) > np.iinfo(np.uint16).max and dtype is np.uint16:
+                raise InputError(
+                    f"the raw frame has numbers up to {digital.max()}, and {path} holds 16 bits; write an EXR."
+                )
+            mi.Bitmap(digital.astype(dtype)[..., None]).write(str(path))
 
         def clear(self) -> None:
             """Forget the frame."""

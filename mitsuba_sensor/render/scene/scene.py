@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,16 +17,14 @@ from numpy.typing import NDArray
 
 from ...camera.camera import Camera
 from ...camera.sensor_size import check_on_sensor
-from ...core import Array, Float64Array, InputError
+from ...core import Array, InputError
 from ...optics.intrinsics import View
-from ..denoise.guides import render_guides
 from ..infrared.rules import apply_infrared
 from ..light.bands import (
     Bands,
     box_bands,
     response_film,
     restrict_wavelengths,
-    take_wavelengths_of,
 )
 from ..light.brightness import HIGHEST_LAMP_CD_PER_M2, brightest_lamp, cd_per_m2
 from ..lint.finding import Finding, lines_of, most_serious_first
@@ -36,9 +34,7 @@ from ..lint.metal_tables import continue_metals
 from ..lint.microlenses import microlens_findings
 from ..lint.refusals import refuse_missing_files, refuse_misspelt, refuse_unsuitable
 from ..lint.spectrum_findings import Band, loaded_findings
-from ..passes.interleaved import interleaved, most_interleaved
-from ..passes.noisy_pixels import NoisyPixels
-from ..passes.passes import SAMPLER
+from ..samples import SAMPLER
 from ..variants import MitsubaObject, mitsuba
 from .displaced_rays import with_displaced_rays
 from .film_and_view import WIDTH, built_in_sensor, film_size
@@ -51,7 +47,6 @@ from .scene_file import SceneFile, as_input_error, plain_message
 from .scene_settings import FILM, SENSOR, SceneSettings, sensor_fields_of, settings_of
 from .weight_noise import WeightCounter, weight_counter
 
-GUIDE_SEED = 1
 FILM_ID = "sensor"  # id of the new film, by which its sensor is found in the built scene
 
 
@@ -61,8 +56,8 @@ class Scene:
 
     sharp : the sensor without the point spread, for rays through the middle of each pixel.
     view : what its sensor images.  notes : what was replaced, what will be black.  findings : the same, one by one.
-    sha256 : of the scene file, its includes and its parameters.  responses : of the channels of the film.  noisy :
-    pixels that get more samples, or None.  weights : counts those of displaced rays for channels behind the others.
+    sha256 : of the scene file, its includes and its parameters.
+    weights : counts those of displaced rays for channels behind the others.
     polarizers : fingerprint of those of the sensor, or None.
     """
 
@@ -72,13 +67,10 @@ class Scene:
     sharp: MitsubaObject
     view: View
     sha256: str
-    responses: Sequence[Mapping[str, object]]
     notes: tuple[str, ...]
     findings: tuple[Finding, ...] = ()
-    noisy: NoisyPixels | None = None
     weights: WeightCounter | None = None
     polarizers: str | None = None
-    _interleaved: dict[tuple[int, tuple[int, int]], MitsubaObject] = field(default_factory=dict)
 
     @cached_property
     def brightest_lamp_cd_per_m2(self) -> float | None:
@@ -92,20 +84,8 @@ class Scene:
     def time_sampling(self) -> None:
         """None: nothing moves."""
 
-    def most_together(self, samples: int) -> int:
-        """How many passes over the whole crop, of so many samples, :meth:`render` makes at once."""
-        columns, rows = self.view.crop_size
-        return (
-            most_interleaved(rows * columns, len(self.responses), samples)
-            if self.noisy is None
-            else 1
-        )
-
-    def render(
-        self, seed: int, samples: int, rows: tuple[int, int], count: int = 1
-    ) -> NDArray[np.float32]:
-        """Passes over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns × count, channels),
-        those of a pixel side by side.  count : of passes, at most :meth:`most_together`."""
+    def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]:
+        """Return a pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""
         (columns, _), (x, y) = self.view.crop_size, self.view.crop_offset
         film, size, offset = self.sensor.film(), (columns, rows[1] - rows[0]), (x, y + rows[0])
         if tuple(film.crop_size()) != size or tuple(film.crop_offset()) != offset:
@@ -115,30 +95,13 @@ class Scene:
                 list(offset),
             )
             parameters.update()
-        if count > 1:
-            return self._rendered(self._together(count, size), seed, samples).reshape(
-                size[1], size[0] * count, -1
-            )
-        image = self._rendered(self.sensor, seed, samples).reshape(size[1], size[0], -1)
-        if self.noisy is None:
-            return image
-        return self.noisy.averaged(image, self.sensor, rows, seed, samples, self._rendered)
-
-    def _together(self, count: int, size: tuple[int, int]) -> MitsubaObject:
-        """A sensor with a film for so many passes."""
-        if (found := self._interleaved.get((count, size))) is None:
-            found = self._interleaved[count, size] = interleaved(
-                self.sensor, self.responses, count, size
-            )
-        take_wavelengths_of(self.sensor.film(), found.film())
-        return found
-
-    def _rendered(self, sensor: MitsubaObject, seed: int, samples: int) -> NDArray[np.float32]:
         if self.weights is None:
-            return self._image(sensor, seed, samples)
-        return self.weights.rendered(
-            sensor, samples, lambda counting: self._image(counting, seed, samples)
-        )
+            image = self._image(self.sensor, seed, samples)
+        else:
+            image = self.weights.rendered(
+                self.sensor, samples, lambda counting: self._image(counting, seed, samples)
+            )
+        return image.reshape(size[1], size[0], -1)
 
     def _image(self, sensor: MitsubaObject, seed: int, samples: int) -> NDArray[np.float32]:
         try:
@@ -155,17 +118,6 @@ class Scene:
                 f"the scene cannot be rendered in {variant}: try {way_out} ({first})."
             ) from error
         return np.array(image, dtype=np.float32)
-
-    def with_noisy(self, pixels: NoisyPixels) -> Scene:
-        """The same with more samples for some pixels."""
-        return replace(self, noisy=pixels, notes=(*self.notes, pixels.note))
-
-    def guides(
-        self, wavelengths_nm: Float64Array, rows: tuple[int, int], rays: int, number: int = 0
-    ) -> NDArray[np.float32]:
-        """Guides of a denoiser for rows [first, last) of the crop: see :func:`render_guides`.  number : of the
-        set of rays."""
-        return render_guides(self, wavelengths_nm, GUIDE_SEED + number, rays, rows)
 
 
 def load_scene(
@@ -256,7 +208,7 @@ def _load(
     said = (one.as_note for one in findings if one.level != "fact")
     notes = (*said, *lens_notes, *half_notes, *spread_notes)
     loaded = world, integrator, sensor, sharp, view
-    described = scene.digest(), bands.responses, notes, tuple(findings)
+    described = scene.digest(), notes, tuple(findings)
     counter = weight_counter(sensor, bands)
     return Scene(*loaded, *described, weights=counter, polarizers=polarizers)
 

@@ -20,7 +20,7 @@ from ...core.options import complete, part_of
 from ...sensor.metering import Metering
 from ..light.bands import BANDWIDTH_NM, SPECTRAL, Bands, choose_bands
 from ..options import FileOptions, RenderOptions
-from ..passes.passes import hashed_seed
+from ..samples import hashed_seed
 from ..variants import (
     MitsubaObject,
     Variant,

@@ -1,0 +1,86 @@
+"""Samples of a render: how many passes of how many samples, their seeds, strips of rows; values that are no light."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import InputError, require
+from .limits import MOST_IN_ALL, MOST_REPEATABLE, MOST_SPP
+
+SAMPLER = "multijitter"  # at 64 samples per pixel a quarter of the noise of "independent", at the same cost
+PASSES_MIN = 8  # below it error bars are guesses
+PASSES_MAX = 16  # of a fixed number of samples: few large passes have less noise
+IN_FLIGHT_MAX = 2**22  # samples per launch: 45 MB a million in LLVM variants
+
+
+def pass_plan(spp: int, repeatable: bool = False) -> tuple[int, int]:
+    """(passes, samples per pixel and pass) whose product comes closest to ``spp``; at least two passes.
+
+    Multijitter fills a grid of about equal sides: it keeps 1, 2, 4, 6, 9, 12, 16 … samples and rounds others up. Only
+    such counts are chosen, with 8 to 16 passes (more only to stay at 1024 samples per pass); of equal plans the one
+    with fewer passes.
+
+    repeatable : passes of 1, 2, 4 or 8 samples. Threads of Dr.Jit share a film in vectors of pixels; the samples of a
+    pixel within one vector are always added in the same order, those in several by whichever thread comes first.
+    """
+    if require("spp", spp, 1, MOST_IN_ALL, "samples per pixel, e.g. 256") != int(spp):
+        raise InputError(
+            f"spp is {spp!r}; it must be a whole number of samples per pixel (e.g. 256)."
+        )
+    spp = int(spp)
+    if spp < PASSES_MIN:
+        return max(spp, 2), 1
+    if repeatable:
+        samples = whole_grid(spp / PASSES_MIN, repeatable)
+        return round(spp / samples), samples
+    fewest = max(PASSES_MIN, math.ceil(spp / MOST_SPP))
+    counts = range(fewest, max(PASSES_MAX, 2 * fewest) + 1)
+    plans = [(k, n) for k in counts for n in _grids(spp / k)]
+    return min(plans, key=lambda plan: (abs(plan[0] * plan[1] - spp), plan[0]))
+
+
+def _grids(samples: float) -> list[int]:
+    """Counts near ``samples`` that multijitter keeps, at most 1024: r², r(r+1) and r(r+2) for r about the root."""
+    root = math.isqrt(int(samples))
+    rows = [row for row in (root - 1, root, root + 1) if row > 0]
+    return [
+        n
+        for row in rows
+        for n in (row * row, row * (row + 1), row * (row + 2))
+        if n <= MOST_SPP
+    ]
+
+
+def whole_grid(samples: float, repeatable: bool = False) -> int:
+    """Return the largest count up to ``samples`` that multijitter keeps.  repeatable : see :func:`pass_plan`."""
+    if repeatable:
+        return 1 << (int(max(min(samples, MOST_REPEATABLE), 1)).bit_length() - 1)
+    return max([n for n in _grids(min(samples, MOST_SPP)) if n <= samples], default=1)
+
+
+def row_strips(size: tuple[int, int], samples: int) -> list[tuple[int, int]]:
+    """Cut (columns, rows) into strips of whole rows of nearly equal height whose samples fit into memory."""
+    columns, rows = size
+    count = -(-rows // max(IN_FLIGHT_MAX // (columns * samples), 1))
+    return list(pairwise(rows * k // count for k in range(count + 1)))
+
+
+def hashed_seed(seed: int, strip: int, number: int) -> int:
+    """Return a 32-bit seed for one pass, unrelated to that of any other pass, strip or seed."""
+    text = f"{seed}/{strip}/{number}".encode()
+    return int.from_bytes(hashlib.blake2b(text, digest_size=4).digest(), "little")
+
+
+def clean(
+    values: NDArray[np.floating],
+) -> tuple[NDArray[np.floating], NDArray[np.bool_], int, int]:
+    """Return the values with 0 for those that are negative or not finite, where they were +∞, and how many were
+    negative and not finite."""
+    bad, infinite = ~np.isfinite(values), values == np.inf
+    negative = (values < 0) & ~bad
+    return np.where(bad | negative, 0, values), infinite, int(negative.sum()), int(bad.sum())
