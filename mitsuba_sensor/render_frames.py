@@ -18,8 +18,8 @@ from .render.passes.per_frame import FrameSeries, PerFrameNoise
 from .render.passes.render_notes import notes_after_render
 from .render.passes.stop_criterion import Progress
 from .render.passes.told import told_progress
-from .render.scene.scene_nodes import SceneInput
-from .render.scene.scene_settings import ParsedScene
+from .render.scene.parse_scene import SceneInput
+from .render.scene.parsed_scene import ParsedScene
 from .render.variants import computed_in, restores_variant
 from .sensor.metering import AskedExposure
 

@@ -24,8 +24,8 @@ from ..light.irradiance import Irradiance
 from ..light.light_source import CollectedLight
 from ..light.photons import photons_of
 from ..options import FrameSeriesOptions, RenderOptions
-from ..scene.scene_nodes import SceneInput
-from ..scene.scene_settings import ParsedScene
+from ..scene.parse_scene import SceneInput
+from ..scene.parsed_scene import ParsedScene
 from ..variants import mitsuba
 from .noisy_pixels import NoisyPixels, fewest_samples
 from .passes import hashed_seed, whole_grid

@@ -34,9 +34,10 @@ from ..motion.motion import Motion, read_motion
 from ..motion.moving_scene import MovingScene
 from ..options import RenderOptions
 from ..scene.light_groups import AskedGroups, LightGroup, parts_of_light
+from ..scene.parse_scene import SceneInput, parse
+from ..scene.parsed_scene import ParsedScene
 from ..scene.scene import Scene, load_scene
-from ..scene.scene_nodes import SceneInput
-from ..scene.scene_settings import ParsedScene, bands_asked_for, parse
+from ..scene.scene_settings import bands_asked_for
 from ..variants import restores_variant
 from .denoise_choice import DenoiseChoice
 from .estimate import Estimate
@@ -298,7 +299,7 @@ class PreparedRender:
         if (
             self.motion != Motion()
         ):  # a mesh that has moved and come back is off by rounding: built again
-            scene = load_for_rays(self.parsed.file, self.camera, self.unit_m, self.width)
+            scene = load_for_rays(self.parsed, self.camera, self.unit_m, self.width)
         shutter = shutter_of(self.camera, self.exposure, self.begin_s)
         return aovs_of(scene, self.motion, self.unit_m, shutter)
 
@@ -320,7 +321,7 @@ class PreparedRender:
     def of_light_group(self, group: LightGroup) -> PreparedRender:
         """The render of one group of emitters, for the same camera, exposure and bands."""
         at_rest = self.group_scenes.get(group.name) or load_scene(
-            self.parsed.file,
+            self.parsed,
             self.bands,
             {},
             group.camera(self.camera),
@@ -369,9 +370,9 @@ def prepare(
     bands = with_filters(bands_asked_for(chosen, settings, camera, usual), camera)
     metres = settings.metres(chosen["scene_unit"]) or 1.0
     asked_groups = cast(AskedGroups | None, chosen["light_groups"])
-    groups = parts_of_light(parsed.file, asked_groups, camera)
+    groups = parts_of_light(parsed, asked_groups, camera)
     at_rest = load_scene(
-        parsed.file,
+        parsed,
         bands,
         {},
         camera,

@@ -12,7 +12,7 @@ from ...core import Exposure, Float64Array
 from ..light.irradiance import Irradiance, is_exact
 from ..light.photons import photons_per_irradiance
 from ..lint.lint import WRAPPERS
-from ..scene.scene_file import SceneFile
+from ..scene.parsed_scene import ParsedScene
 from ..variants import mitsuba
 from .prepared import PreparedRender
 from .renderer import Renderer
@@ -151,7 +151,7 @@ def without_depth_of_field(loaded: PreparedRender) -> PreparedRender:
 def without_indirect_light(loaded: PreparedRender) -> PreparedRender:
     """The same with the integrator of :func:`direct_integrator`, which must not be None."""
     scene = replace(
-        loaded.at_rest, integrator=mitsuba().load_dict(direct_integrator(loaded.parsed.file))
+        loaded.at_rest, integrator=mitsuba().load_dict(direct_integrator(loaded.parsed))
     )
     return replace(
         loaded,
@@ -160,7 +160,7 @@ def without_indirect_light(loaded: PreparedRender) -> PreparedRender:
     )
 
 
-def direct_integrator(scene: SceneFile) -> dict[str, Any] | None:
+def direct_integrator(scene: ParsedScene) -> dict[str, Any] | None:
     """The scene's integrator without indirect light, in Mitsuba's terms; None where it has no more to lose."""
     name, given = "path", dict[str, Any]()
     for _, node in scene.children(scene.root, "Integrator"):
