@@ -37,9 +37,8 @@ from .render.light.light_source import CollectedLight
 from .render.motion.aovs import Aovs
 from .render.passes.stop_criterion import Progress
 from .render.passes.told import told_progress
-from .render.scene.scene_nodes import SceneInput
-from .render.scene.scene_sensors import refuse_one_place, sensor_taken
-from .render.scene.scene_settings import ParsedScene, parse_sensors
+from .render.scene.parse_scene import SceneInput, parse_sensors, refuse_one_place
+from .render.scene.parsed_scene import ParsedScene
 from .render.variants import restores_variant
 from .sensor.frame_times import FrameTimes
 from .sensor.metering import AskedExposure, Metering, checked_exposure
@@ -260,7 +259,7 @@ def sensor_facts(exposed: Exposed) -> dict[str, object] | None:
     """
     if exposed.render is None:
         return None
-    sensor, times = sensor_taken(exposed.render.parsed.file), FrameTimes.of(exposed.options)
+    sensor, times = exposed.render.parsed.sensor_taken(), FrameTimes.of(exposed.options)
     return {
         "name": sensor.name,
         "number": sensor.number,

@@ -30,8 +30,8 @@ from .render.passes.per_frame import FrameSeries
 from .render.passes.prepared import PreparedRender, prepare
 from .render.passes.stop_criterion import Progress, RenderProgress, StopCriterion
 from .render.samples import hashed_seed
-from .render.scene.scene_nodes import SceneInput
-from .render.scene.scene_settings import ParsedScene
+from .render.scene.parse_scene import SceneInput
+from .render.scene.parsed_scene import ParsedScene
 from .sensor.expose import PreparedExposure
 from .sensor.frame_times import FrameTimes
 from .sensor.metering import Metering
@@ -212,7 +212,7 @@ def exposed_of_scene(
     """The frames of a scene."""
     options = request.options
     origin = {
-        "scene": render.parsed.file.path,
+        "scene": render.parsed.path,
         "parameters": dict(options["parameters"] or {}),
         "motion": used(CaptureOptions, options)["motion"],
         "render_noise": options["render_noise"],

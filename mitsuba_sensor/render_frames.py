@@ -17,8 +17,8 @@ from .render.options import FrameSeriesOptions
 from .render.passes.per_frame import FrameSeries
 from .render.passes.stop_criterion import Progress
 from .render.passes.told import told_progress
-from .render.scene.scene_nodes import SceneInput
-from .render.scene.scene_settings import ParsedScene
+from .render.scene.parse_scene import SceneInput
+from .render.scene.parsed_scene import ParsedScene
 from .render.variants import computed_in, restores_variant
 from .sensor.metering import AskedExposure
 

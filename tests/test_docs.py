@@ -26,12 +26,12 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.core.llvm import backend_problem
 from mitsuba_sensor.render.motion.motion import read_motion
+from mitsuba_sensor.render.scene.parse_scene import parse
 from mitsuba_sensor.render.scene.plugin_parameters import (
     FILM_PARAMETERS,
     PASSED_ON_PARAMETERS,
     SENSOR_PARAMETERS,
 )
-from mitsuba_sensor.render.scene.scene_settings import parse
 from mitsuba_sensor.stages.chain import ORDER
 
 DOCS = ROOT / "docs"

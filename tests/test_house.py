@@ -121,7 +121,7 @@ READERS = (
     "core/llvm.py",
     "core/versions.py",
     "render/scene/parse_scene.py",
-    "render/scene/scene_file.py",
+    "render/scene/parsed_scene.py",
     "optics/spectra.py",
     "render/motion/motion.py",
 )

@@ -351,7 +351,7 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
     given, _ = render_input(scene, flags)
     camera, (low, high) = given.camera, given.camera.band_nm
     findings = inspect_scene(
-        given.scene.file, camera, flags["parameters"] or {}, flags["scene_unit"]
+        given.scene, camera, flags["parameters"] or {}, flags["scene_unit"]
     )
     if as_json:
         show([finding.to_dict() for finding in findings], True)

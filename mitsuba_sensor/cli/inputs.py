@@ -11,7 +11,9 @@ from ..camera.shipped import DEFAULT_CAMERA
 from ..capture import SensorView
 from ..core import InputError, first_given
 from ..render.light.irradiance import RenderedFor
-from ..render.scene.scene_settings import ParsedScene, SceneSettings, parse, parse_sensors
+from ..render.scene.parse_scene import parse, parse_sensors
+from ..render.scene.parsed_scene import ParsedScene
+from ..render.scene.scene_settings import SceneSettings
 from ..sensor.metering import Metering
 from ..stages.usual_range import temperature_note
 from . import options

@@ -147,7 +147,7 @@ def _subject(
         for name in ("scene_unit", "width", "integrator", "ignore_polarization")
     }
     render = {"parameters": parameters, **same, **more}
-    about = {"scene": str(scene), "scene_sha256": found.scene.file.digest()}
+    about = {"scene": str(scene), "scene_sha256": found.scene.digest()}
     exposure = found.exposure
     if isinstance(exposure, Metering):
         exposure = prepare(scene, found.camera, exposure, **render).metered_first().exposure

@@ -113,7 +113,7 @@ def _loaded(data: bytes) -> object:
     for code, argument, _ in pickletools.genops(
         data[file.tell() :]
     ):  # lengths that the bytes do not have raise here
-        if "PUT" in code.name and int(argument) > len(data):
+        if "PUT" in code.name and int(argument or 0) > len(data):
             raise ValueError("it numbers more objects than it has bytes")
     return _Unpickler(file).load()
 

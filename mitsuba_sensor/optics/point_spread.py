@@ -63,6 +63,8 @@ def encircled_energy(x: ArrayLike, obstruction: float = 0.0) -> Float64Array:
 @lru_cache(maxsize=32)
 def first_zero(obstruction: float = 0.0) -> float:
     """x of the first dark ring, 3.83 without an obstruction; r = 1.22·λN."""
+    if obstruction == 0:
+        return AIRY_ZERO  # without scipy.optimize, which takes a second to import
     return root(lambda x: float(_amplitude(np.asarray(x), obstruction)), 1.5, AIRY_ZERO)
 
 

@@ -8,3 +8,6 @@ MOST_IN_ALL = 2**24  # samples per pixel, over all passes
 
 SHORTEST_METERED_S = 1e-5
 """Exposure time below which light is brighter than the electronic shutters of most cameras allow."""
+
+MITSUBA_NM = (360.0, 830.0)
+"""Where Mitsuba's own emitters and its spectra of colours are not zero."""

@@ -28,7 +28,7 @@ def _checked_traverse(name: str, value: object) -> object:
 
 
 def _checked_light_groups(name: str, value: object) -> object:
-    from .scene.light_groups import checked_light_groups
+    from .scene.asked_groups import checked_light_groups
 
     return checked_light_groups(name, value)
 

@@ -25,9 +25,8 @@ from mitsuba_sensor.files.openexr import Plane, write_planes
 from mitsuba_sensor.files.raw_files import read_raw
 from mitsuba_sensor.files.scene_references import scene_references
 from mitsuba_sensor.render.motion.motion import read_motion
-from mitsuba_sensor.render.scene.parse_scene import parse_scene
+from mitsuba_sensor.render.scene.parse_scene import parse
 from mitsuba_sensor.render.scene.scene import inspect_scene
-from mitsuba_sensor.render.scene.scene_settings import settings_of
 from mitsuba_sensor.render.variants import choose_variant, use
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -390,9 +389,8 @@ def _read_motion(path: Path) -> str:
 def _read_scene(path: Path) -> str:
     use(choose_variant("scalar_spectral"))
     scene_references(path, {}, [path.parent, ROOT])
-    scene = parse_scene(path, {})
-    settings = settings_of(scene)
-    inspect_scene(scene, settings.camera or ms.load_camera("konnik_table1"), {})
+    scene = parse(path, {})
+    inspect_scene(scene, scene.settings.camera or ms.load_camera("konnik_table1"), {})
     return ""
 
 

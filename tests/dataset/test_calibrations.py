@@ -36,7 +36,7 @@ from mitsuba_sensor.optics.shutter import shutter_of
 from mitsuba_sensor.render.motion.aovs import aovs_of, load_for_rays
 from mitsuba_sensor.render.motion.motion import KeyPose, Motion
 from mitsuba_sensor.render.options import SceneOptions
-from mitsuba_sensor.render.scene.scene_settings import parse
+from mitsuba_sensor.render.scene.parse_scene import parse
 from mitsuba_sensor.render.variants import choose_variant, use
 
 Floats = NDArray[np.float64]
@@ -65,7 +65,7 @@ def seen(folder: Path, lens: dict[str, Any]) -> tuple[dict[str, Any], Floats, Fl
     pixels = {"pixel.pitch_x_um": PITCH_UM, "pixel.pitch_y_um": PITCH_UM}
     camera = ms.load_camera("konnik_table1").replace(**pixels, **lens)
     path = write_scene(folder, scene_text(SKY, BALL, WALL, sensor=SENSOR))
-    loaded = load_for_rays(parse(path, complete(SceneOptions, {})).file, camera, None, None)
+    loaded = load_for_rays(parse(path, complete(SceneOptions, {})), camera, None, None)
     found = aovs_of(loaded, Motion(), 1.0, shutter_of(camera, ms.Exposure(0.01)))
     rows, columns = found.depth_m.shape
     middles = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2)

@@ -30,7 +30,7 @@ from mitsuba_sensor.lab.frames.manifest import read_manifest
 from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.motion.motion import read_motion
-from mitsuba_sensor.render.scene.parse_scene import parse_scene
+from mitsuba_sensor.render.scene.parse_scene import parse
 
 SIDE = 100_000
 MOST_BYTES = 2**28  # of memory that reading one of these may take
@@ -231,7 +231,7 @@ def test_text_files_have_a_largest_size_and_a_depth(tmp_path: Path) -> None:
                 ms.load_camera("konnik_table1").replace(**{field: str(tmp_path / "x.json")})
             (tmp_path / "x.json").rename(path)
     with pytest.raises(ms.InputError, match="is a folder, or no plain file"):
-        parse_scene(pipe, {})
+        parse(pipe, {})
 
 
 def laughs(levels: int) -> str:

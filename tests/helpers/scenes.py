@@ -11,8 +11,8 @@ import pytest
 import mitsuba_sensor as ms
 from helpers import ROOT
 from helpers.marks import exhaustive
-from mitsuba_sensor.render.scene.parse_scene import parse_scene
-from mitsuba_sensor.render.scene.scene_settings import SceneSettings, settings_of
+from mitsuba_sensor.render.scene.parse_scene import parse
+from mitsuba_sensor.render.scene.scene_settings import SceneSettings
 from mitsuba_sensor.render.variants import choose_variant
 
 SCENES = ROOT / "scenes"
@@ -62,7 +62,7 @@ def write_scene(folder: Path, text: str) -> Path:
 
 def read_settings(path: Path, parameters: Mapping[str, object]) -> SceneSettings:
     """Camera, exposure and seeds of a scene file."""
-    return settings_of(parse_scene(path, parameters))
+    return parse(path, {"parameters": parameters}).settings
 
 
 def skip_unless_usable(variant: str) -> str:

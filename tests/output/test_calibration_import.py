@@ -27,7 +27,7 @@ from mitsuba_sensor.optics.intrinsics import image_distance_m, intrinsics
 from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.render.motion.aovs import load_for_rays
 from mitsuba_sensor.render.options import SceneOptions
-from mitsuba_sensor.render.scene.scene_settings import parse
+from mitsuba_sensor.render.scene.parse_scene import parse
 from mitsuba_sensor.render.variants import choose_variant, use
 
 GIVEN = Calibration(
@@ -61,7 +61,7 @@ def view(folder: Path, camera: ms.Camera) -> Any:
     numbers = "".join(f'<float name="{name}" value="{value}"/>' for name, value in said)
     text = SENSOR.format(numbers, camera.sensor.columns, camera.sensor.rows, SKY)
     parsed = parse(write_scene(folder, text), complete(SceneOptions, {}))
-    return load_for_rays(parsed.file, camera, None, None).view
+    return load_for_rays(parsed, camera, None, None).view
 
 
 @pytest.mark.parametrize("name", TEXTS)

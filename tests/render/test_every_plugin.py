@@ -15,9 +15,9 @@ from helpers.scenes import skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.light.bands import box_bands
-from mitsuba_sensor.render.scene.parse_scene import parse_scene
+from mitsuba_sensor.render.scene.parse_scene import parse
+from mitsuba_sensor.render.scene.parsed_scene import POLARISING
 from mitsuba_sensor.render.scene.scene import load_scene
-from mitsuba_sensor.render.scene.scene_file import POLARISING
 from mitsuba_sensor.render.variants import choose_variant, use
 
 CAMERA = ms.load_camera("konnik_table1")
@@ -202,7 +202,7 @@ def test_every_plugin_renders_as_in_plain_mitsuba(folder: Path, name: str) -> No
     scene = mi.load_file(str(path))
     integrator = scene.integrator() or mi.load_dict({"type": "path"})
     plain = np.array(mi.render(scene, integrator=integrator, spp=64, seed=3)).mean(axis=(0, 1))
-    parsed = parse_scene(path, {}, ignore_polarization=name in POLARISING)
+    parsed = parse(path, {"ignore_polarization": name in POLARISING})
     ours = load_scene(parsed, BANDS, {}).render(1, 64, (0, 8)).mean(axis=(0, 1))
     assert plain.min() > 0
     np.testing.assert_allclose(ours, plain, rtol=0.15)

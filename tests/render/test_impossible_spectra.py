@@ -13,9 +13,8 @@ from helpers.scenes import BALL, scalar_first, scene_text, skip_unless_usable, w
 import mitsuba_sensor as ms
 from mitsuba_sensor.files.ply_colours import largest_colour
 from mitsuba_sensor.render.lint.finding import Finding
-from mitsuba_sensor.render.lint.metal_tables import metal_table
+from mitsuba_sensor.render.lint.scene_spectra import metal_table
 from mitsuba_sensor.render.scene.scene import inspect_scene
-from mitsuba_sensor.render.scene.scene_nodes import parse_nodes
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
 VISIBLE = ms.load_camera("konnik_table1")  # 400 to 700 nm
@@ -164,7 +163,7 @@ def test_an_element_of_a_dict_is_named_and_has_no_line() -> None:
         "ball": {"type": "sphere", "center": [0, 0, 4], "bsdf": grey_13},
         "sky": {"type": "constant"},
     }
-    found = inspect_scene(parse_nodes(scene, {}), VISIBLE, {}, None)
+    found = inspect_scene(scene, VISIBLE, {}, None)
     assert [finding.where for finding in found if finding.level == "wrong"] == [
         'node "ball.bsdf"'
     ]
@@ -449,7 +448,7 @@ def test_spectra_of_a_loaded_scene_are_looked_at(tmp_path: Path, variant: str) -
     scene = mi.load_string(text)
 
     def found(camera: ms.Camera) -> list[tuple[str, str]]:
-        findings = inspect_scene(parse_nodes(scene, {}), camera, {}, None)
+        findings = inspect_scene(scene, camera, {}, None)
         return [
             (finding.level, finding.what.split(" in ")[0].split(":")[0])
             for finding in findings

@@ -19,8 +19,9 @@ from mitsuba_sensor.render.light.light_sum import notes_of_groups
 from mitsuba_sensor.render.passes import prepared as prepared_module
 from mitsuba_sensor.render.passes.prepared import prepare
 from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
-from mitsuba_sensor.render.scene.light_groups import checked_light_groups, light_groups_of
-from mitsuba_sensor.render.scene.scene_settings import parse
+from mitsuba_sensor.render.scene.asked_groups import checked_light_groups
+from mitsuba_sensor.render.scene.light_groups import light_groups_of
+from mitsuba_sensor.render.scene.parse_scene import parse
 
 CAMERA = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(1e-4)
@@ -326,7 +327,7 @@ def test_too_many_groups_are_refused_before_the_scene_is_loaded_with_those_that_
     groups = dict(re.findall(r"--light-groups (\w+)=([\w*,]+)", said))
     assert groups["lamp"] == "lamp_*" and groups["moon"] == "moon" and len(groups) <= 16
     assert str(groups) in said
-    scene = parse("night_crossing", {}).file
+    scene = parse("night_crossing", {})
     found = light_groups_of(scene, checked_light_groups("light_groups", groups))
     assert [one.name for one in found] == list(groups)
     assert sum(len(one.emitters) for one in found) == 19

@@ -13,7 +13,7 @@ import pytest
 from helpers.scenes import SKY, scene_text
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.render.scene import parse_scene, scene_settings
+from mitsuba_sensor.render.scene import parse_scene
 
 COLUMNS, ROWS, FOV_DEG, BASELINE_M = 120, 40, 40.0, 0.2
 FOCAL_PX = COLUMNS / 2 / math.tan(math.radians(FOV_DEG) / 2)
@@ -96,13 +96,13 @@ def test_sensors_of_one_pose_have_independent_noise_and_are_different_chips() ->
 
 
 def test_the_scene_is_parsed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    parsed = []
+    parsed, parse = list[object](), parse_scene.parse
 
-    def counted(*given: object) -> object:
-        parsed.append(given[0])
-        return parse_scene.parse_scene(*given)  # type: ignore[arg-type]
+    def counted(scene: Any, options: Any) -> Any:
+        parsed.append(scene)
+        return parse(scene, options)
 
-    monkeypatch.setattr(scene_settings, "parse_scene", counted)
+    monkeypatch.setattr(parse_scene, "parse", counted)
     ms.capture(scene(PAIR), "konnik_table1", EXPOSURE, sensor="all", **FAST)
     assert len(parsed) == 1
 

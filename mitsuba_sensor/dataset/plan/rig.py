@@ -14,8 +14,8 @@ import numpy as np
 from ...core import Float64Array, InputError
 from ...files.sensor_names import ALL_SENSORS
 from ...render.motion.motion import KeyPose, Motion
-from ...render.scene.scene_sensors import pose_in_file_m, refuse_one_place, with_sensor
-from ...render.scene.scene_settings import ParsedScene, parse_sensors
+from ...render.scene.parse_scene import parse_sensors, pose_in_file_m, refuse_one_place
+from ...render.scene.parsed_scene import ParsedScene
 from ...render.variants import fastest_variant, restores_variant
 from ..store.keys import Facts, seed_of
 from .scene_entry import SceneEntry
@@ -70,7 +70,7 @@ def rig_of(
         poses_m = dict[str, Float64Array]()
         for name in _asked(entry, scenes):
             unit_m = scenes[name].settings.metres(entry.scene_unit) or 1.0
-            poses_m[name] = pose_in_file_m(scenes[name].file, unit_m)
+            poses_m[name] = pose_in_file_m(scenes[name], unit_m)
         refuse_one_place(poses_m, None, motion)
     except InputError as error:
         raise InputError(f"scene {entry.name!r} of the dataset: {error}") from None
@@ -87,11 +87,10 @@ def _asked(entry: SceneEntry, scenes: Mapping[str, ParsedScene]) -> Sequence[str
     asked = entry.sensors or ()
     if isinstance(asked, str):
         asked = (asked,)
-    file, names = next(iter(scenes.values())).file, list[str]()
+    scene, names = next(iter(scenes.values())), list[str]()
     for one in asked:
-        chosen = with_sensor(file, one).chosen
-        assert chosen is not None
-        if chosen.name in names:
-            raise InputError(f"sensors names {chosen.name!r} twice; give each once.")
-        names.append(chosen.name)
+        name = scene.with_sensor(one).sensor_taken().name
+        if name in names:
+            raise InputError(f"sensors names {name!r} twice; give each once.")
+        names.append(name)
     return names

@@ -13,7 +13,6 @@ from ...output.dng import check_dng
 from ...render.options import RenderOptions
 from ...render.passes.prepared import prepare
 from ...render.passes.stop_criterion import check_options
-from ...render.scene.film_and_view import film_area
 from ...render.scene.half_pupil import check_halves
 from ...render.scene.light_groups import AskedGroups, LightGroup, parts_of_light
 from ...render.variants import restores_variant
@@ -94,14 +93,14 @@ def check_scene(plan: DatasetPlan, view: PlannedView, is_loaded: bool) -> None:
         parsed = parsed_scene(view, options)
         parsed.settings.metres(options["scene_unit"])
         camera = camera_of(view.lead)  # all that share a light have a sensor of this size
-        shape, origin = film_area(parsed.file, camera, options["width"])
+        shape, origin = parsed.film_area(camera, options["width"])
         check_on_sensor("the film", shape, origin, camera)
-        check_halves(parsed.file, parsed.settings, camera)
+        check_halves(parsed, camera)
         _check_memory(shape, max([1, *_wholes(plan, "frames")]))
         if "dng" in view.lead["outputs"]:
             check_dng(camera, shape)
         asked = cast(AskedGroups | None, chosen["light_groups"])
-        _check_lights(plan, parts_of_light(parsed.file, asked, camera))
+        _check_lights(plan, parts_of_light(parsed, asked, camera))
         if is_loaded:
             still: RenderOptions = {**options, "noise_ratio": None, "max_spp": None, "spp": 1}
             prepare(parsed, camera, LOADED_FOR, **still)

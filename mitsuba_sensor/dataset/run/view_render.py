@@ -16,7 +16,9 @@ from ...render.light.irradiance import Irradiance
 from ...render.motion.aovs import Aovs
 from ...render.options import RenderOptions
 from ...render.passes.prepared import METERING_SPP, PreparedRender, prepare
-from ...render.scene.scene_settings import ParsedScene, SceneSettings, parse
+from ...render.scene.parse_scene import parse
+from ...render.scene.parsed_scene import ParsedScene
+from ...render.scene.scene_settings import SceneSettings
 from ...render.variants import fastest_variant, use
 from ...sensor.metering import Metering
 from ..plan.planned import PlannedView

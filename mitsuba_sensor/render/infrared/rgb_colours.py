@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from ..scene.scene_file import SceneFile
+from ..scene.parsed_scene import ParsedScene
 from ..variants import MitsubaObject, mitsuba
 
 REFLECTANCES = ("reflectance", "diffuse_reflectance", "base_color", "albedo")
@@ -46,7 +46,7 @@ class RgbColour(NamedTuple):
         return repr(min(self.ids)) if self.ids else f"a {self.node.props.plugin_name()}"
 
 
-def rgb_colours(scene: SceneFile) -> list[RgbColour]:
+def rgb_colours(scene: ParsedScene) -> list[RgbColour]:
     """Colours of the materials and media, and those of pictures in emitters: other emitters are times D65."""
     mi, ids = mitsuba(), _ids_of_nodes(scene)
     kinds = (mi.ObjectType.BSDF, mi.ObjectType.Medium, mi.ObjectType.Emitter)
@@ -69,7 +69,7 @@ def is_rgb(value: object) -> bool:
 
 
 def _colours_of(
-    scene: SceneFile, owner: MitsubaObject, key: str
+    scene: ParsedScene, owner: MitsubaObject, key: str
 ) -> Iterator[tuple[MitsubaObject, str]]:
     """Where the colours of a property stand: there, or in the textures and volumes nested in it."""
     if is_rgb(owner[key]):
@@ -88,7 +88,7 @@ def _colours_of(
             yield from _colours_of(scene, node.props, inner)
 
 
-def _ids_of_nodes(scene: SceneFile) -> dict[int, frozenset[str]]:
+def _ids_of_nodes(scene: ParsedScene) -> dict[int, frozenset[str]]:
     """Ids by the number of a node: its own, and those of the nodes that hold it, but for the scene itself."""
     ids = dict[int, frozenset[str]]()
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core import Float64Array, InputError, nearest
-from ..scene.scene_file import SceneFile
+from ..scene.parsed_scene import ParsedScene
 from ..variants import MitsubaObject, mitsuba
 from .held_texture import PARTS, PLUGIN, register_held_texture
 from .materials import (
@@ -39,7 +39,9 @@ def is_seen_beyond(high_nm: float) -> bool:
     return high_nm > SEEN_TO_NM
 
 
-def ruled_colours(scene: SceneFile, asked: AskedInfrared, high_nm: float) -> list[RuledColour]:
+def ruled_colours(
+    scene: ParsedScene, asked: AskedInfrared, high_nm: float
+) -> list[RuledColour]:
     """The colours that bands which end at ``high_nm`` see beyond the visible, each with its rule. Raises
     InputError."""
     if not is_seen_beyond(high_nm):
@@ -70,7 +72,7 @@ def _is_of(colour: RgbColour, pattern: str) -> bool:
     return is_reflectance and any(fnmatchcase(name, pattern) for name in colour.ids)
 
 
-def _refuse(scene: SceneFile, colours: list[RgbColour], high_nm: float) -> None:
+def _refuse(scene: ParsedScene, colours: list[RgbColour], high_nm: float) -> None:
     if not colours:
         return
     names = list(
@@ -94,7 +96,7 @@ def _refuse_pattern(pattern: str, colours: list[RgbColour]) -> None:
 
 
 def apply_infrared(
-    scene: SceneFile, asked: AskedInfrared, low_nm: float, high_nm: float
+    scene: ParsedScene, asked: AskedInfrared, low_nm: float, high_nm: float
 ) -> None:
     """Give the colours of a parsed scene their rules; its nodes are changed.  low_nm, high_nm : ends of the bands.
 
@@ -126,7 +128,7 @@ def apply_infrared(
         colour.owner[colour.key] = mitsuba().Properties.ResolvedReference(number)
 
 
-def _add_nodes(scene: SceneFile, count: int) -> int:
+def _add_nodes(scene: ParsedScene, count: int) -> int:
     """Add textures of ours to the nodes of a scene; the number of the first.
 
     Nodes may move in memory then: what was taken of them before must not be used any more.

@@ -23,7 +23,7 @@ from ...optics import spectra
 from ...optics.f_number_law import solid_angle_sr, transmittance
 from ...optics.intrinsics import View
 from ...optics.veiling_glare import glare_sentence, veiling_glare_of
-from ..lint.scene_spectra import MITSUBA_NM
+from ..limits import MITSUBA_NM
 from ..samples import clean
 from ..variants import choose_variant, mitsuba, restores_variant, use
 from .bands import BANDWIDTH_NM, in_band_factor, of_own_filter

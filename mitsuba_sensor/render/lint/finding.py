@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from ...core import Doubt
-from ..scene.scene_file import SceneFile
+from ..scene.parsed_scene import ParsedScene
 from ..variants import MitsubaObject
 
 Range: TypeAlias = tuple[float, float]
 
 ORDER = ("black", "wrong", "note", "fact")
-MOST_LINES = 4  # named in one finding
+NAMED_MAX = 4  # lines or parameters named in one finding
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,8 @@ class Finding:
 
     def to_dict(self) -> dict[str, str]:
         """Plain values, ready for JSON."""
-        return {
-            "level": self.level,
-            "where": self.where,
-            "what": self.what,
-            "remedy": self.remedy,
-        }
+        names = ("level", "where", "what", "remedy")
+        return {name: getattr(self, name) for name in names}
 
 
 def most_serious_first(findings: Iterable[Finding]) -> list[Finding]:
@@ -62,13 +58,13 @@ def most_serious_first(findings: Iterable[Finding]) -> list[Finding]:
     return sorted(findings, key=lambda finding: ORDER.index(finding.level))
 
 
-def lines_of(scene: SceneFile, nodes: list[MitsubaObject]) -> str:
+def lines_of(scene: ParsedScene, nodes: list[MitsubaObject]) -> str:
     """``line 3``, ``lines 3, 9 and 4 more``.
 
     A look-up reads the file, so only the named ones are looked up.
     """
-    named = list(dict.fromkeys(scene.where(node) for node in nodes[:MOST_LINES]))
-    more = f" and {len(nodes) - MOST_LINES} more" if len(nodes) > MOST_LINES else ""
+    named = list(dict.fromkeys(scene.where(node) for node in nodes[:NAMED_MAX]))
+    more = f" and {len(nodes) - NAMED_MAX} more" if len(nodes) > NAMED_MAX else ""
     lines = [place.removeprefix("line ") for place in named if place.startswith("line ")]
     if len(lines) < len(named):  # of included files, or of a dict
         return f"{', '.join(named)}{more}"

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NoReturn
 
-from ...core import InputError
+from ...core import InputError, nearest
 from ...files.raw_files import require_plausible_picture
-from ..scene.scene_file import IMAGING, POLARISING, SceneFile, as_input_error, why_no_image
-from ..scene.scene_sensors import sensors_of
+from ..scene.loaded_scene import IMAGING, why_no_image
+from ..scene.parsed_scene import POLARISING, ParsedScene
 from ..scene.scene_settings import FILM
 from ..variants import MitsubaObject, is_polarized, mitsuba
-from .finding import Finding, Range
+from .finding import Finding, Range, lines_of
 
 SCALAR_ONLY = (
     "timed_sunsky",
 )  # Dr.Jit refuses to trace it, and every render of the process after that
 PICTURES = ("bitmap", "envmap")  # whose file is one
+MESH_ATTRIBUTE = "mesh_attribute"  # texture
+ATTRIBUTES_TAKEN = re.compile(r'MeshAttribute\[\s*name = "([^"]*)"')
+"""In what Mitsuba prints of a material."""
 WITH_FILES = ("Shape", "Texture", "Emitter", "Volume", "BSDF", "Medium", "PhaseFunction")
 # Plugins that cannot be used, and why.
 UNSUITABLE = {
@@ -32,7 +36,7 @@ UNSUITABLE = {
 )
 
 
-def refuse_unsuitable(scene: SceneFile) -> None:
+def refuse_unsuitable(scene: ParsedScene) -> None:
     """InputError for a sensor, integrator or material that cannot be rendered into spectral bands."""
     _refuse_sensor(scene, scene.sensor())
     followed = POLARISING if scene.ignore_polarization or is_polarized() else ()
@@ -52,7 +56,7 @@ def refuse_unsuitable(scene: SceneFile) -> None:
             raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {why}.")
 
 
-def _refuse_sensor(scene: SceneFile, node: MitsubaObject) -> None:
+def _refuse_sensor(scene: ParsedScene, node: MitsubaObject) -> None:
     """InputError for a sensor that takes no image; for a batch of such sensors, the same as for one of them."""
     kind = node.props.plugin_name()
     if kind in IMAGING:
@@ -63,7 +67,7 @@ def _refuse_sensor(scene: SceneFile, node: MitsubaObject) -> None:
     of_scene = (child for _, child in scene.children(scene.root, "Sensor"))
     others = [
         name
-        for name, child in zip(sensors_of(scene), of_scene, strict=True)
+        for name, child in zip(scene.sensors(), of_scene, strict=True)
         if child.props.plugin_name() in IMAGING
     ]
     way_out = f", or take another sensor of the scene: --sensor {others[0]}" if others else ""
@@ -72,14 +76,14 @@ def _refuse_sensor(scene: SceneFile, node: MitsubaObject) -> None:
     )
 
 
-def _sensors_in(scene: SceneFile, node: MitsubaObject) -> list[MitsubaObject]:
+def _sensors_in(scene: ParsedScene, node: MitsubaObject) -> list[MitsubaObject]:
     """The sensors in a batch, those on shapes in it among them."""
     shapes = [shape for _, shape in scene.children(node.props, "Shape")]
     owners = (node, *shapes)
     return [one for owner in owners for _, one in scene.children(owner.props, "Sensor")]
 
 
-def refuse_missing_files(scene: SceneFile) -> None:
+def refuse_missing_files(scene: ParsedScene) -> None:
     """InputError that names all missing meshes, textures and tables."""
     missing = dict[str, str]()
     for node in scene.nodes(*WITH_FILES):
@@ -96,6 +100,46 @@ def refuse_missing_files(scene: SceneFile) -> None:
         files = f"{len(missing)} files" if len(missing) > 1 else "a file"
         where = "look in the folder of the scene, or name another with <path value=…/>"
         raise InputError(f"scene {scene.name!r} lacks {files}: {named}; {where}.")
+
+
+def refuse_missing_attributes(scene: ParsedScene, world: MitsubaObject) -> None:
+    """InputError for a shape without an attribute that its material or light takes.
+
+    Scalar variants end in an error then, and the others render it black.
+    """
+    takers = [
+        node for node in scene.nodes("Texture") if node.props.plugin_name() == MESH_ATTRIBUTE
+    ]
+    if not takers and scene.loaded is None:
+        return
+    for number, shape in enumerate(_shapes(world)):
+        for name in ATTRIBUTES_TAKEN.findall(f"{shape.bsdf()} {shape.emitter()}"):
+            if not shape.has_attribute(name):
+                places = [node for node in takers if node.props.get("name", None) == name]
+                where = f", {lines_of(scene, places)}" if places else ""
+                what = f"shape {shape.id() or number!r} has no attribute {name!r}, which its material takes"
+                raise InputError(
+                    f"scene {scene.name!r}{where}: {what}; {_attributes(shape, name)}"
+                )
+
+
+def _shapes(world: MitsubaObject) -> list[MitsubaObject]:
+    """The shapes of a scene, those in groups too."""
+    owners = (entry[2] for entry in mitsuba().traverse(world).properties.values())
+    meshes = {id(owner): owner for owner in owners if isinstance(owner, mitsuba().Mesh)}
+    return [*world.shapes(), *meshes.values()]
+
+
+def _attributes(shape: MitsubaObject, wanted: str) -> str:
+    """What attributes a shape has."""
+    names = [
+        name
+        for name, _ in mitsuba().traverse(shape)
+        if name.startswith(("vertex_", "face_")) and shape.has_attribute(name)
+    ]
+    if not names:
+        return "it has none: give the material a spectrum, or the mesh its attribute."
+    return f"it has {', '.join(names)}.{nearest(wanted, names)}"
 
 
 def refuse_black(band_nm: Range, lost: int, findings: Iterable[Finding]) -> NoReturn:
@@ -118,7 +162,7 @@ def refuse_black(band_nm: Range, lost: int, findings: Iterable[Finding]) -> NoRe
     raise InputError(f"{what}; {remedy}.")
 
 
-def refuse_misspelt(scene: SceneFile) -> None:
+def refuse_misspelt(scene: ParsedScene) -> None:
     """InputError for unknown types and parameters of film, filter and sampler, which Mitsuba never sees because they
     are replaced. Those of old formats may be unknown."""
     mi, versions = (
@@ -132,5 +176,5 @@ def refuse_misspelt(scene: SceneFile) -> None:
         nested = [name for name, _ in scene.children(props)]
         own = {name: props[name] for name in props if name not in nested}
         channel = {"channel": {"type": "d65"}} if kind == "specfilm" else {}  # it needs one
-        with as_input_error(scene.path, f"({scene.where(node)}) "):
+        with scene.mitsuba_errors(f"({scene.where(node)}) "):
             mi.load_dict({"type": kind, **own, **channel})

@@ -1,4 +1,8 @@
-"""Spectra of a parsed scene: where each can be above zero, and the numbers that it is made of."""
+"""Spectra of a parsed scene: where each can be above zero, the numbers that it is made of, and the tables of metals.
+
+The tables of the metals that Mitsuba 3.9 knows by name extend from about 300 to between 590 and 900 nm. Outside them
+it takes η = k = 0, which reflects everything, or is NaN at normal incidence; here their first and last values are held.
+"""
 
 from __future__ import annotations
 
@@ -11,21 +15,17 @@ import numpy as np
 
 from ...core import Float64Array
 from ..infrared.rgb_colours import is_rgb
-from ..scene.scene_file import SceneFile
+from ..limits import MITSUBA_NM
+from ..scene.parsed_scene import ParsedScene
 from ..variants import MitsubaObject, mitsuba
 from .finding import Range
-from .metal_tables import METALS, metal_table
 
 EVERYWHERE: Range = (-math.inf, math.inf)
-MITSUBA_NM: Range = (360.0, 830.0)
 SUN_NM: Range = (320.0, 720.0)  # of the model of sun and sky, as measured with Mitsuba 3.9.1
 LIMITED = ("d65", "blackbody")  # spectra that end with Mitsuba's range
 SUNS = ("sunsky", "timed_sunsky")
-STRENGTHS = (
-    "radiance",
-    "irradiance",
-    "intensity",
-)  # of emitters; a float there is a factor on D65 (#1579)
+STRENGTHS = ("radiance", "irradiance", "intensity")
+"""Of emitters; a float there is a factor on D65 (#1579)."""
 D65_BY_DEFAULT = (
     "area",
     "constant",
@@ -35,6 +35,8 @@ D65_BY_DEFAULT = (
     "projector",
     "spot",
 )
+METALS = ("conductor", "roughconductor")  # materials that take the name of a metal
+INDICES = ("eta", "k")
 FLOAT_PICTURES = (
     ".exr",
     ".hdr",
@@ -43,14 +45,69 @@ FLOAT_PICTURES = (
 )  # those of 8 and 16 bits have no value above 1
 
 
-class Table(NamedTuple):
-    """Values of a spectrum at wavelengths, 0 outside; or, without wavelengths, at all of them."""
+class MetalTable(NamedTuple):
+    """Wavelengths [nm], η and k of a metal, (N,) each."""
+
+    wavelengths_nm: Float64Array
+    eta: Float64Array
+    k: Float64Array
+
+    @property
+    def ends_nm(self) -> Range:
+        """Its first and its last wavelength."""
+        return float(self.wavelengths_nm[0]), float(self.wavelengths_nm[-1])
+
+
+def metal_table(material: object) -> MetalTable | None:
+    """Mitsuba's table of a metal; None for a name that it does not know, or that has none ("none")."""
+    if not isinstance(material, str):
+        return None
+    mi = mitsuba()
+    try:
+        parameters = mi.traverse(mi.load_dict({"type": METALS[0], "material": material}))
+    except RuntimeError:  # said again, with its place in the file, when the scene is built
+        return None
+    if "eta.wavelengths" not in parameters:
+        return None
+    names = ("eta.wavelengths", "eta.values", "k.values")
+    return MetalTable(*(np.array(parameters[name], dtype=np.float64) for name in names))
+
+
+def continue_metals(nodes: list[MitsubaObject], low_nm: float, high_nm: float) -> None:
+    """Replace the names of metals whose tables end between two wavelengths by tables whose ends are held.
+
+    nodes : the materials of a parsed scene, which are changed.
+    """
+    for node in nodes:
+        props = node.props
+        if props.plugin_name() not in METALS or any(name in props for name in INDICES):
+            continue
+        table = metal_table(props.get("material", None))
+        if table is None or (table.ends_nm[0] <= low_nm and table.ends_nm[1] >= high_nm):
+            continue
+        first_nm, last_nm = table.ends_nm
+        below, above = [low_nm] * (low_nm < first_nm), [high_nm] * (high_nm > last_nm)
+        wavelengths_nm = np.concatenate([below, table.wavelengths_nm, above])
+        del props["material"]
+        for name in INDICES:
+            values = np.pad(getattr(table, name), (len(below), len(above)), mode="edge")
+            texts = {"wavelengths": wavelengths_nm, "values": values}
+            listed = {key: ", ".join(map(repr, x.tolist())) for key, x in texts.items()}
+            props[name] = mitsuba().load_dict({"type": "irregular", **listed})
+
+
+class Numbers(NamedTuple):
+    """What a property of an emitter, a material or a medium is made of: a table, or a picture.
+
+    values : (N,), or pixels (N, channels) without transparency.
+    wavelengths_nm : of a table, which is 0 outside; None for one value everywhere.
+    """
 
     values: Float64Array
     wavelengths_nm: Float64Array | None = None
 
     def between(self, low_nm: float, high_nm: float) -> Float64Array:
-        """The values that it has between two wavelengths: at its own, and at the two ends."""
+        """The values that there are between two wavelengths: at its own, and at the two ends."""
         if self.wavelengths_nm is None:
             return self.values
         inside = (self.wavelengths_nm >= low_nm) & (self.wavelengths_nm <= high_nm)
@@ -60,45 +117,47 @@ class Table(NamedTuple):
         return np.concatenate([self.values[inside], ends])
 
 
-class Picture(NamedTuple):
-    """The pixels of a texture, (N, channels) without transparency."""
-
-    values: Float64Array
-
-
 class SceneSpectra:
     """Spectra of the emitters and materials of a scene, and the range where each can be above zero.
 
-    emitters, surfaces : nodes of lights, and of materials and media.
     lights : (node, range) of every emitter.
-    materials : (node, name, range) of every property of a material.
+    materials : (node, name, range) of every property of a material or medium.
     metals : (node, name of the metal, range of its table).
     float_lights : nodes of emitters whose strength is one number.
     """
 
-    def __init__(self, scene: SceneFile) -> None:
+    def __init__(self, scene: ParsedScene) -> None:
         self._mi, self._scene = mitsuba(), scene
         self.emitters, self.surfaces = scene.nodes("Emitter"), scene.nodes("BSDF", "Medium")
         self.lights = [(node, self._of_light(node.props)) for node in self.emitters]
         self.float_lights = [
-            n for n in self.emitters if any(isinstance(v, float) for v in _strengths(n.props))
+            node
+            for node in self.emitters
+            if any(isinstance(value, float) for value in _strengths(node.props))
         ]
         self.materials = [
-            (n, name, self._of_value(v, False))
-            for n in self.surfaces
-            for name, v in n.props.items()
+            (node, name, self._of_value(value, False))
+            for node in self.surfaces
+            for name, value in node.props.items()
         ]
-        self.metals = list(_metals(scene))
+        self.metals = list[tuple[MitsubaObject, str, Range]]()
+        for node in self.surfaces:
+            material = node.props.get("material", None)
+            if (
+                node.props.plugin_name() in METALS
+                and (table := metal_table(material)) is not None
+            ):
+                self.metals.append((node, material, table.ends_nm))
 
-    def numbers_of_node(self, node: MitsubaObject) -> Iterator[tuple[str, Table | Picture]]:
+    def numbers_of_node(self, node: MitsubaObject) -> Iterator[tuple[str, Numbers]]:
         """Each property of an emitter, a material or a medium, and what it is made of; the picture of an envmap is its
         radiance."""
         if node.props.plugin_name() == "envmap":
             yield from (("radiance", picture) for picture in self._picture(node.props))
         for name in node.props:
-            yield from ((name, numbers) for numbers in self.numbers(node.props[name]))
+            yield from ((name, numbers) for numbers in self._numbers(node.props[name]))
 
-    def numbers(self, value: MitsubaObject) -> Iterator[Table | Picture]:
+    def _numbers(self, value: MitsubaObject) -> Iterator[Numbers]:
         """Tables and pictures that a property is made of, those of textures and volumes in it too."""
         if (props := self._nested(value)) is not None:
             yield from self._numbers_of(props)
@@ -109,36 +168,36 @@ class SceneSpectra:
         elif is_rgb(value):
             yield from _table([float(number) for number in value])
 
-    def _numbers_of(self, props: MitsubaObject) -> Iterator[Table | Picture]:
+    def _numbers_of(self, props: MitsubaObject) -> Iterator[Numbers]:
         kind = props.plugin_name()
         if kind == "bitmap":
             yield from self._picture(props)
         elif kind == "gridvolume":
-            yield from self._grid(props)
-        elif kind in ("irregular", "regular") and "values" in props:
-            values = _listed(props["values"])
-            yield from _table(values, self._wavelengths_of(props, len(values)))
+            grid, file = props.get("grid", None), self._file(props)
+            if grid is None and file.is_file():
+                grid = self._mi.VolumeGrid(str(file))
+            if grid is not None:
+                yield from _table([float(grid.max())])
+        elif kind == "irregular":
+            yield from _table(
+                _listed(props.get("values", "")), _listed(props.get("wavelengths", ""))
+            )
+        elif kind == "regular":
+            values, ends_nm = _listed(props.get("values", "")), _given_ends(props)
+            if ends_nm is not None and math.isfinite(ends_nm[1] - ends_nm[0]):
+                yield from _table(values, np.linspace(*ends_nm, len(values)).tolist())
         else:
             for name in props:
                 if name.startswith(("color", "value")) or self._nested(props[name]) is not None:
-                    yield from self.numbers(props[name])
+                    yield from self._numbers(props[name])
 
-    def _wavelengths_of(self, props: MitsubaObject, count: int) -> list[float]:
-        if props.plugin_name() == "irregular":
-            return _listed(props.get("wavelengths", ""))
-        first, last = (
-            float(props.get(name, 0.0)) for name in ("wavelength_min", "wavelength_max")
-        )
-        if not math.isfinite(last - first):
-            return []
-        wavelengths_nm: list[float] = np.linspace(first, last, count).tolist()
-        return wavelengths_nm
+    def _file(self, props: MitsubaObject) -> Path:
+        return Path(str(self._scene.resolver.resolve(props.get("filename", ""))))
 
-    def _picture(self, props: MitsubaObject) -> Iterator[Picture]:
+    def _picture(self, props: MitsubaObject) -> Iterator[Numbers]:
         """The pixels of a picture that can be outside 0 to 1."""
-        picture = props.get("bitmap", props.get("data", None))
+        picture, file = props.get("bitmap", props.get("data", None)), self._file(props)
         if picture is None:
-            file = Path(str(self._scene.resolver.resolve(props.get("filename", ""))))
             if file.suffix.lower() not in FLOAT_PICTURES or not file.is_file():
                 return
             picture = self._mi.Bitmap(str(file))
@@ -146,26 +205,16 @@ class SceneSpectra:
         if values.dtype.kind == "f" and values.size:
             channels = values.shape[2] if values.ndim == 3 else 1
             colours = channels - (channels in (2, 4))  # the last one of these is transparency
-            yield Picture(values.reshape(-1, channels)[:, :colours])
-
-    def _grid(self, props: MitsubaObject) -> Iterator[Table]:
-        """The largest value of a volume."""
-        grid = props.get("grid", None)
-        if grid is None:
-            file = self._scene.resolver.resolve(props.get("filename", ""))
-            grid = self._mi.VolumeGrid(str(file)) if Path(str(file)).is_file() else None
-        if grid is not None:
-            yield from _table([float(grid.max())])
+            yield Numbers(values.reshape(-1, channels)[:, :colours])
 
     def _of_light(self, props: MitsubaObject) -> Range:
         kind, strengths = props.plugin_name(), _strengths(props)
         if kind in SUNS:
             return SUN_NM
-        is_d65 = kind in D65_BY_DEFAULT and not strengths
         if (
             kind == "envmap"
-            or is_d65
-            or any(isinstance(v, float) or is_rgb(v) for v in strengths)
+            or (kind in D65_BY_DEFAULT and not strengths)
+            or any(isinstance(value, float) or is_rgb(value) for value in strengths)
         ):
             return MITSUBA_NM  # rgb is multiplied by D65; rgb inside a texture is not, and unlimited
         ranges = [self._of_value(value, light=True) for _, value in props.items()]
@@ -173,18 +222,16 @@ class SceneSpectra:
 
     def _of_value(self, value: MitsubaObject, light: bool) -> Range:
         """Where a property can be above zero; everywhere if it is no spectrum or unlimited."""
-        if (props := self._nested(value)) is not None:
-            return self._of_texture(props, light)
-        spectrum = hasattr(value, "is_uniform") and not value.is_uniform()
-        return _ends(value.wavelengths) if spectrum else EVERYWHERE
-
-    def _of_texture(self, props: MitsubaObject, light: bool) -> Range:
-        kind, names = props.plugin_name(), list(props.keys())
+        props = self._nested(value)
+        if props is None:
+            is_table = hasattr(value, "is_uniform") and not value.is_uniform()
+            return _ends(value.wavelengths) if is_table else EVERYWHERE
+        kind = props.plugin_name()
         if kind == "irregular":
             return _ends(_listed(props.get("wavelengths", "")))
-        if {"wavelength_min", "wavelength_max"} <= set(names):
-            return float(props["wavelength_min"]), float(props["wavelength_max"])
-        inner = [self._of_value(value, light) for _, value in props.items()]
+        if (ends_nm := _given_ends(props)) is not None:
+            return ends_nm
+        inner = [self._of_value(nested, light) for _, nested in props.items()]
         inner += [MITSUBA_NM] if light and kind in LIMITED else []
         return (max(r[0] for r in inner), min(r[1] for r in inner)) if inner else EVERYWHERE
 
@@ -196,19 +243,12 @@ class SceneSpectra:
         return node.props if node.type in (types.Texture, types.Volume) else None
 
 
-def _metals(scene: SceneFile) -> Iterator[tuple[MitsubaObject, str, Range]]:
-    for node in scene.nodes("BSDF"):
-        material = node.props.get("material", None)
-        if node.props.plugin_name() in METALS and (table := metal_table(material)) is not None:
-            yield node, material, table.ends_nm
-
-
-def _table(values: list[float], wavelengths_nm: list[float] | None = None) -> Iterator[Table]:
+def _table(values: list[float], wavelengths_nm: list[float] | None = None) -> Iterator[Numbers]:
     """The table, if both have the same length; Mitsuba refuses others, and says why."""
     if wavelengths_nm is None:
-        yield Table(np.array(values, dtype=np.float64))
+        yield Numbers(np.array(values, dtype=np.float64))
     elif 0 < len(values) == len(wavelengths_nm):
-        yield Table(
+        yield Numbers(
             np.array(values, dtype=np.float64), np.array(wavelengths_nm, dtype=np.float64)
         )
 
@@ -223,13 +263,19 @@ def _listed(numbers: object) -> list[float]:
         return []
 
 
+def _given_ends(props: MitsubaObject) -> Range | None:
+    """First and last wavelength of a spectrum that has them as parameters."""
+    names = ("wavelength_min", "wavelength_max")
+    if not all(name in props for name in names):
+        return None
+    return float(props[names[0]]), float(props[names[1]])
+
+
 def _strengths(props: MitsubaObject) -> list[MitsubaObject]:
     return [props[name] for name in STRENGTHS if name in props]
 
 
 def _ends(wavelengths_nm: list[float]) -> Range:
-    return (
-        (float(min(wavelengths_nm)), float(max(wavelengths_nm)))
-        if len(wavelengths_nm)
-        else EVERYWHERE
-    )
+    if not len(wavelengths_nm):
+        return EVERYWHERE
+    return float(min(wavelengths_nm)), float(max(wavelengths_nm))

@@ -22,10 +22,9 @@ from ..light.bands import choose_bands
 from ..limits import LONGEST_NM, SHORTEST_NM
 from ..options import SceneOptions
 from ..samples import row_strips
+from ..scene.parse_scene import SceneInput, parse
+from ..scene.parsed_scene import ParsedScene
 from ..scene.scene import Scene, load_scene
-from ..scene.scene_file import SceneFile
-from ..scene.scene_nodes import SceneInput
-from ..scene.scene_settings import parse
 from ..variants import restores_variant
 from .motion import Motion, read_motion
 from .moving_scene import AnimatedTransforms
@@ -97,16 +96,16 @@ def render_aovs(
         parsed.settings.metres(chosen["scene_unit"]),
         shutter_of(camera, exposure or Exposure(0.0)),
     )
-    loaded = load_for_rays(parsed.file, camera, chosen["scene_unit"], chosen["width"])
+    loaded = load_for_rays(parsed, camera, chosen["scene_unit"], chosen["width"])
     return aovs_of(loaded, moved, metres or 1.0, shutter, progress)
 
 
 def load_for_rays(
-    file: SceneFile, camera: Camera, scene_unit: str | float | None, width: int | None
+    scene: ParsedScene, camera: Camera, scene_unit: str | float | None, width: int | None
 ) -> Scene:
     """The scene at rest with one band, which is enough where rays are traced and no light."""
     bands = choose_bands(camera, None, LONGEST_NM - SHORTEST_NM, "auto")
-    return load_scene(file, bands, {}, camera, scene_unit, width=width)
+    return load_scene(scene, bands, {}, camera, scene_unit, width=width)
 
 
 def aovs_of(
@@ -138,7 +137,7 @@ def _trace(
     strips = (
         [(r, r + 1) for r in range(rows)]
         if row_by_row
-        else row_strips((columns, rows), 1, SAMPLES_PER_RAY)
+        else row_strips((columns, rows), SAMPLES_PER_RAY)
     )
     parts, report = [], progress or (lambda done, total: None)
     report(0, rows)

@@ -18,8 +18,8 @@ from ..light.light_source import CollectedLight
 from ..light.photons import photons_of
 from ..options import FrameSeriesOptions, RenderOptions
 from ..samples import hashed_seed
-from ..scene.scene_nodes import SceneInput
-from ..scene.scene_settings import ParsedScene
+from ..scene.parse_scene import SceneInput
+from ..scene.parsed_scene import ParsedScene
 from .prepared import PreparedRender, prepare
 from .stop_criterion import Progress, RenderProgress
 

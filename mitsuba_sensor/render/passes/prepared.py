@@ -55,9 +55,10 @@ from ..motion.moving_scene import MovingScene, pose_m
 from ..options import RenderOptions
 from ..samples import SAMPLER, hashed_seed, row_strips
 from ..scene.light_groups import AskedGroups, LightGroup, parts_of_light
+from ..scene.parse_scene import SceneInput, parse
+from ..scene.parsed_scene import ParsedScene
 from ..scene.scene import Scene, load_scene
-from ..scene.scene_nodes import SceneInput
-from ..scene.scene_settings import ParsedScene, bands_asked_for, parse
+from ..scene.scene_settings import bands_asked_for
 from ..variants import mitsuba, restores_variant
 from .grouped import render_light_groups
 from .light_of_passes import agree_with_filters, in_band_of, raw_bands
@@ -535,14 +536,14 @@ class PreparedRender:
             self.motion != Motion()
         ):  # a mesh that has moved and come back is off by rounding: built again
             width = self.options["width"]
-            scene = load_for_rays(self.parsed.file, self.camera, self.unit_m, width)
+            scene = load_for_rays(self.parsed, self.camera, self.unit_m, width)
         shutter = shutter_of(self.camera, self.exposure, self.begin_s)
         return aovs_of(scene, self.motion, self.unit_m, shutter)
 
     def of_light_group(self, group: LightGroup) -> PreparedRender:
         """The render of one group of emitters, for the same camera, exposure and bands."""
         at_rest = self.group_scenes.get(group.name) or load_scene(
-            self.parsed.file,
+            self.parsed,
             self.bands,
             {},
             group.camera(self.camera),
@@ -586,10 +587,10 @@ def prepare(
     warn_of_temperature(known.temperature_k)
     bands = with_filters(bands_asked_for(chosen, settings, camera, usual), camera)
     groups = parts_of_light(
-        parsed.file, cast(AskedGroups | None, chosen["light_groups"]), camera
+        parsed, cast(AskedGroups | None, chosen["light_groups"]), camera
     )
     unit, width = chosen["scene_unit"], chosen["width"]
-    at_rest = load_scene(parsed.file, bands, {}, camera, unit, width=width)
+    at_rest = load_scene(parsed, bands, {}, camera, unit, width=width)
     motion = read_motion(chosen["motion"])
     still = PreparedRender(parsed, at_rest, camera, known, bands, chosen, metering=metering)
     if chosen["luminance"] is not None:

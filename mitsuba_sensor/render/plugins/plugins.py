@@ -16,11 +16,11 @@ import json
 
 from ...core import InputError
 from ..light.bands import BANDWIDTH_NM, choose_bands, response_film
-from ..scene.film_and_view import built_in_sensor
-from ..scene.plugin_id import PluginParameters, parameters_of
+from ..scene.plugin_parameters import PluginParameters, parameters_of
 from ..scene.scene_settings import (
     FILM,
     PASSED_ON,
+    built_in_sensor,
     film_fields_of,
     lens_fields,
     sensor_fields_of,

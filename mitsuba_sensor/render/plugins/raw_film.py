@@ -18,8 +18,8 @@ from ...sensor.expose import exposure_of_photons
 from ..light.photons import collected
 from ..passes.prepared import render
 from ..samples import hashed_seed
-from ..scene.plugin_id import PluginParameters, parameters_of
-from ..scene.scene_nodes import LoadedView
+from ..scene.loaded_scene import LoadedView
+from ..scene.plugin_parameters import PluginParameters, parameters_of
 from ..variants import MitsubaObject, mitsuba
 
 RAW = "raw"  # of the parameter output

@@ -1,7 +1,6 @@
-"""Scenes of Mitsuba: read, checked for what they ask of camera and exposure, changed, and loaded with our film.
+"""Scenes of Mitsuba: parsed, checked for what they ask of camera and exposure, changed, and loaded with our film.
 
-parse_scene.py parses a file without building it (old_text.py and old_formats.py convert older versions) into what
-scene_file.py holds; scene_nodes.py does the same of scenes that are no file. scene_settings.py reads camera, exposure
-and seeds from them; scene.py loads the scene and replaces its film, and lens_sensor.py its sensor. plugin_names.py has
-the plugins and their parameters.
+parse_scene.py makes a ParsedScene (parsed_scene.py) of a path, XML text, a dict or a loaded scene (loaded_scene.py);
+scene_settings.py reads camera, exposure and seeds of it; scene.py replaces its film and builds the Scene that is
+rendered, lens_sensor.py and its neighbours its sensor. plugin_names.py has the plugins, plugin_parameters.py ours.
 """

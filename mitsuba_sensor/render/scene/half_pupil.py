@@ -12,8 +12,8 @@ from ...core import Array, InputError
 from ...optics.intrinsics import View
 from ..variants import MitsubaObject, mitsuba
 from .lens_sensor import IN_PYTHON, Samples, sensor_class
-from .scene_file import SceneFile
-from .scene_settings import SENSOR, SceneSettings
+from .parsed_scene import ParsedScene
+from .scene_settings import SENSOR
 
 FIRST_NUMBER = {"left": 0.5, "right": 0.0}
 """Where the half of the first number begins: Mitsuba's cameras have x to the left."""
@@ -61,11 +61,11 @@ def half_note(half: str) -> str:
     return f"the light of the {half} half of the pupil alone (lens.half_pupil)"
 
 
-def check_halves(scene: SceneFile, settings: SceneSettings, camera: Camera) -> None:
+def check_halves(scene: ParsedScene, camera: Camera) -> None:
     """Raise InputError for a scene file whose sensor is a pinhole, and a camera that sees halves of the pupil."""
     kind = scene.sensor().props.plugin_name()
     is_thin_lens = kind == "thinlens" or (
-        kind == SENSOR and settings.focus_distance_m is not None
+        kind == SENSOR and scene.settings.focus_distance_m is not None
     )
     if not is_thin_lens and camera.lens.prescription is None:
         _refuse_halves_of_a_pinhole(camera)

@@ -7,28 +7,20 @@ shape of an emitter that is taken out stays, and still blocks and reflects light
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import Literal, NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from ...camera.camera import Camera
 from ...core import InputError, nearest
-from ...core.id_groups import as_options, groups_of_ids
 from ..light.light_sum import OF_PHOTODIODES
 from ..variants import MitsubaObject, mitsuba
-from .scene_file import SceneFile
+from .asked_groups import GROUP_NAME, AskedGroups, refuse_many
+from .parsed_scene import ParsedScene
 
 OTHER = "other"
 """Group of the emitters that no pattern names, and of those without an id."""
-
-MOST_GROUPS = 16
-GROUP_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
-PATTERN_EXAMPLE = "`--light-groups lamps=lamp_* --light-groups sky=sky,moon` ({'lamps': 'lamp_*', 'sky': 'sky,moon'})"
-EXAMPLE = "'auto', or {'sky': 'env', 'lamps': 'lamp_*'}"
-
-AskedGroups: TypeAlias = Literal["auto"] | Mapping[str, tuple[str, ...]]
-"""Patterns of emitter ids by the name of their group, or "auto"."""
 
 
 class PlacedEmitter(NamedTuple):
@@ -68,59 +60,7 @@ PUPIL_HALVES = tuple(LightGroup(name, None, half) for half, name in OF_PHOTODIOD
 """What the photodiodes of dual pixels see."""
 
 
-def checked_light_groups(name: str, given: object) -> AskedGroups:
-    """Patterns by group, or "auto".  given : "auto", texts NAME=PATTERN,PATTERN, or a dict. Raises
-    InputError."""
-    texts = [given] if isinstance(given, str) else given
-    if isinstance(texts, list | tuple) and [*texts] == ["auto"]:
-        return "auto"
-    if isinstance(texts, list | tuple) and all(isinstance(text, str) for text in texts):
-        given = _patterns_of_texts(texts)
-    if not isinstance(given, Mapping) or not given:
-        raise InputError(f"{name} is {given!r}; pass {EXAMPLE}.")
-    groups = {str(group): _patterns(patterns) for group, patterns in given.items()}
-    for group, patterns in groups.items():
-        if not GROUP_NAME.fullmatch(group) or not patterns:
-            raise InputError(
-                f"{name} has {group!r}: {','.join(patterns)!r}; a group is a name of letters, digits, _ and -, and "
-                f"the ids of its emitters, e.g. {EXAMPLE}."
-            )
-    _refuse_many(name, groups)
-    return groups
-
-
-def _patterns_of_texts(texts: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """["lamps=lamp_1", "lamps=lamp_2"] as {"lamps": ("lamp_1", "lamp_2")}."""
-    groups = dict[str, tuple[str, ...]]()
-    for text in texts:
-        group, _, patterns = text.partition("=")
-        name = group.strip()
-        groups[name] = (*groups.get(name, ()), *_patterns(patterns))
-    return groups
-
-
-def _patterns(given: object) -> tuple[str, ...]:
-    listed: Sequence[object] = (
-        given if isinstance(given, list | tuple) else str(given).split(",")
-    )
-    return tuple(pattern for pattern in (str(part).strip() for part in listed) if pattern)
-
-
-def _refuse_many(name: str, groups: Collection[str], ids: Sequence[str] = ()) -> None:
-    """Raise InputError for more groups than there may be.  ids : of the emitters, for those that the scene suggests."""
-    if len(groups) <= MOST_GROUPS:
-        return
-    suggested = groups_of_ids(dict.fromkeys(ids))
-    example = f"e.g. {PATTERN_EXAMPLE} ({', '.join(groups)})"
-    if 0 < len(suggested) <= MOST_GROUPS:
-        example = f"as the ids of this scene suggest, `{as_options(suggested)}` ({suggested})"
-    raise InputError(
-        f"{name} makes {len(groups)} groups, each a render of its own; at most {MOST_GROUPS}: put several emitters "
-        f"into one by patterns of their ids, {example}."
-    )
-
-
-def emitters_of(scene: SceneFile) -> list[PlacedEmitter]:
+def emitters_of(scene: ParsedScene) -> list[PlacedEmitter]:
     """The emitters of a scene, in the order of its nodes."""
     placed = list[PlacedEmitter]()
     for key, node in scene.children(scene.root, "Emitter"):
@@ -144,7 +84,7 @@ def _prefixes(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def parts_of_light(
-    scene: SceneFile, asked: AskedGroups | None, camera: Camera
+    scene: ParsedScene, asked: AskedGroups | None, camera: Camera
 ) -> tuple[LightGroup, ...]:
     """What is rendered apart: light groups that are asked for, or the halves of the pupil for dual pixels; nothing
     where all is rendered at once. Raises InputError."""
@@ -158,7 +98,7 @@ def parts_of_light(
     return light_groups_of(scene, asked)
 
 
-def light_groups_of(scene: SceneFile, asked: AskedGroups) -> tuple[LightGroup, ...]:
+def light_groups_of(scene: ParsedScene, asked: AskedGroups) -> tuple[LightGroup, ...]:
     """The groups of a scene, each with at least one emitter. Raises InputError."""
     if scene.loaded is not None:
         raise InputError(
@@ -178,7 +118,7 @@ def light_groups_of(scene: SceneFile, asked: AskedGroups) -> tuple[LightGroup, .
             raise InputError(
                 f"light_groups: no emitter is named {named} ({group}); {has}.{nearest(named, known)}"
             )
-    _refuse_many("light_groups", members, [name for one in emitters for name in one.names[-1:]])
+    refuse_many("light_groups", members, [name for one in emitters for name in one.names[-1:]])
     order = [*patterns, *(name for name in members if name not in patterns)]
     return tuple(LightGroup(name, frozenset(members[name])) for name in order)
 
@@ -206,7 +146,7 @@ def _group_name(emitter_id: str) -> str:
     return name if GROUP_NAME.fullmatch(name) else f"emitter_{name}"
 
 
-def keep_emitters(scene: SceneFile, kept: Collection[int]) -> SceneFile:
+def keep_emitters(scene: ParsedScene, kept: Collection[int]) -> ParsedScene:
     """The scene with these emitters only; its nodes are changed.  kept : their numbers in :func:`emitters_of`."""
     taken_out = [
         emitter for number, emitter in enumerate(emitters_of(scene)) if number not in kept

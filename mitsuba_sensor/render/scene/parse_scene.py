@@ -1,222 +1,300 @@
-"""Parses the text of a scene: its parameters, old formats, and what was changed so that Mitsuba 3 reads it."""
+"""Parses a scene without building it: a path, XML text, a dict as for mi.load_dict, or a scene that is loaded already.
+
+All four become one :class:`ParsedScene`, in whose state scene.py replaces film and sensor before it is built. Of a
+loaded scene the state has its sensor alone, described again from its parameters; the scene itself is rendered as it is,
+through another sensor.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, TypeAlias, cast
 
-from ...core import InputError, nearest
+import numpy as np
+
+from ...core import Float64Array, InputError, nearest
+from ...core.options import complete, part_of
 from ...files.scene_xml import require_scene_file, require_shallow
 from ...files.shipped_scenes import SCENE, shipped_file
-from ..variants import MitsubaObject, mitsuba, own_folder_first, parser_config
-from . import old_formats, old_text
-from .plugin_names import refuse_foreign_plugins
-from .scene_file import SceneFile, as_input_error, is_old, searching, with_integrator
+from ..motion.motion import Motion, read_motion, rigid
+from ..options import FileOptions
+from ..variants import (
+    MitsubaObject,
+    Variant,
+    choose_variant,
+    mitsuba,
+    own_folder_first,
+    parser_config,
+    use,
+)
+from .loaded_scene import LOADED, LOADED_REMEDY, LoadedView, digest_of, tree_of, view_of_loaded
+from .parsed_scene import ParsedScene
+from .plugin_names import OWN_PLUGINS, gradient_integrators, refuse_foreign_plugins, remedy_for
+from .scene_edits import BLOCK_SIDE, SceneEdits
+from .scene_errors import mitsuba_errors, old_version, searching
 
-NAME_OF_TEXT = "XML text"
-"""What a scene that is given as text is called in messages."""
+SceneInput: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | MitsubaObject
+"""A path, XML text, a dict as for mi.load_dict, a mi.Scene."""
 
-
-class SceneText(NamedTuple):
-    """The text of a scene, and the file that it stands in, or would stand in.
-
-    text : as it was written.  is_file : whether it was read from the file.
-    """
-
-    file: Path
-    text: str
-    is_file: bool
-
-
-class UpgradedText(NamedTuple):
-    """The text of a scene in the terms of Mitsuba 3.
-
-    tags : elements that were changed.  values : of the parameters that are left in it.
-    """
-
-    text: str
-    tags: list[str]
-    values: dict[str, str]
+KEPT_BY_INTEGRATORS = ("max_depth", "rr_depth", "hide_emitters")
+"""Parameters that mean the same in each integrator that may be asked for; direct has no depth."""
 
 
-class ParsedNodes(NamedTuple):
-    """Mitsuba's own parser state.
-
-    config : of the parser.  resolver : finds files that the scene names.  changed : nodes of old formats, and what
-    they became.
-    """
-
-    config: MitsubaObject
-    state: MitsubaObject
-    resolver: MitsubaObject
-    changed: list[tuple[MitsubaObject, str]]
-
-
-def parse_scene(
-    path: str | os.PathLike[str],
-    parameters: Mapping[str, object],
-    integrator: str | None = None,
-    ignore_polarization: bool = False,
-) -> SceneFile:
-    """Parse a scene file, one that ships with the package by its name, or the text of one. Raises InputError.
-
-    No variant need be set, except to read colours and transforms.
-    integrator, ignore_polarization : see :class:`render.options.SceneOptions`.
-    """
-    source = read_scene_text(path)
-    values = {str(name): str(value) for name, value in parameters.items()}
-    refuse_unknown_parameters(source, values)
-    upgraded = upgrade_text(source, values)
-    nodes = parse_nodes(source, upgraded)
-    refuse_other_documents(nodes.state, source.file)
-    scene = SceneFile(
-        source.file,
-        nodes.config,
-        nodes.state,
-        values,
-        nodes.resolver,
-        parameters=tuple(parameter_names(source.text)),
-        exposure_s=exposure_parameter(source.text, values),
-        text=upgraded.text,
-        ignore_polarization=ignore_polarization,
-        content=b"" if source.is_file else source.text.encode(),
-    )
-    changes = changes_of_format(scene, source, upgraded, nodes, integrator)
-    return with_integrator(replace(scene, changes=changes), integrator)
-
-
-def is_text(scene: object) -> bool:
-    """Whether a scene is given as XML text, and not as a path."""
-    return isinstance(scene, str) and scene.lstrip("\ufeff \t\r\n").startswith("<")
-
-
-def read_scene_text(path: str | os.PathLike[str]) -> SceneText:
-    """The text of a scene file, or the text that was given in its place. Raises InputError."""
-    if is_text(path):
-        source = SceneText(Path(NAME_OF_TEXT), str(path), is_file=False)
+def parse(scene: SceneInput, options: Mapping[str, Any]) -> ParsedScene:
+    """Parse a scene, and set the variant. options : those of :class:`render.options.SceneOptions`, or some of them.
+    Raises InputError."""
+    chosen = complete(FileOptions, part_of(FileOptions, options))
+    parameters = chosen["parameters"]
+    if parameters is not None and not isinstance(parameters, Mapping):
+        raise InputError(
+            f"parameters is {parameters!r}; pass a dict of the scene's <default> names and their values."
+        )
+    loaded = view_of_loaded(scene, options)
+    variant = choose_variant(chosen["variant"])
+    use(variant)
+    if loaded is not None:
+        parsed = _of_loaded(loaded, variant)
+    elif isinstance(scene, Mapping):
+        parsed = _of_dict(scene, chosen, variant)
+    elif isinstance(scene, str | os.PathLike):
+        values = {str(name): str(value) for name, value in (parameters or {}).items()}
+        parsed = _of_xml(scene, values, variant)
     else:
-        place = shipped_file(path, SCENE) or path
+        kinds = "a path, a name from `mitsuba-sensor scenes list`, XML text, a dict as for mi.load_dict, or a mi.Scene"
+        given = " ".join(repr(scene).split())
+        if shape := getattr(scene, "shape", None):
+            given = f"an array of shape {tuple(shape)}, of which light_from_rgb or collect makes light"
+        raise InputError(f"scene is {given}; pass {kinds}, e.g. 'cornell_box'.")
+    ignored = bool(chosen["ignore_polarization"])
+    parsed = replace(parsed, ignore_polarization=ignored, edits=SceneEdits.of(options))
+    if chosen["integrator"] is not None:
+        parsed = _with_integrator(parsed, chosen["integrator"])
+    return parsed.with_sensor(cast(str | None, chosen["sensor"]))
+
+
+def parse_sensors(scene: SceneInput, options: Mapping[str, Any]) -> dict[str, ParsedScene]:
+    """Parse a scene once; it is returned for each of its sensors, by name. Raises InputError."""
+    whole = parse(scene, {**options, "sensor": None})
+    return {name: whole.with_sensor(name) for name in whole.sensors()}
+
+
+def _of_xml(
+    given: str | os.PathLike[str], values: dict[str, str], variant: Variant
+) -> ParsedScene:
+    """A scene file, one that ships with the package by its name, or the text of one."""
+    mi, config = mitsuba(), parser_config()
+    is_text = isinstance(given, str) and given.lstrip("\ufeff \t\r\n").startswith("<")
+    if is_text:
+        path, text = Path("XML text"), str(given)
+    else:
+        place = shipped_file(given, SCENE) or given
         require_scene_file(os.fspath(place))
-        file = Path(place)
-        text = file.read_text(encoding="utf-8", errors="replace")
-        source = SceneText(file, text, is_file=True)
-    require_shallow(source.text, source.file)
-    return source
-
-
-def parameter_names(text: str) -> list[str]:
-    """Names that a scene's text has for values, in alphabetical order."""
-    defaults = re.findall(r'<default\s+name="(\w+)"', text)
-    used = re.findall(r"\$\{?(\w+)", text)
-    return sorted({*defaults, *used})
-
-
-def refuse_unknown_parameters(source: SceneText, values: Mapping[str, str]) -> None:
-    """Raise InputError for a value that the scene has no name for. Names in included files are left to Mitsuba."""
-    known = parameter_names(source.text)
-    unknown = [name for name in values if name not in known]
-    if not unknown or "<include" in source.text:
-        return
-    has = f"it has {', '.join(known)}" if known else "it has none"
-    raise InputError(
-        f"scene {str(source.file)!r} has no parameter {unknown[0]!r}; {has}.{nearest(unknown[0], known)}"
-    )
-
-
-def exposure_parameter(text: str, values: Mapping[str, str]) -> str | None:
-    """Value of the ``<default>`` called exposure_s, which no element need use; None where there is none."""
-    usual = re.search(r'<default\s+name="exposure_s"\s+value="([^"]*)"', text)
-    return values.get("exposure_s", usual[1]) if usual else None
-
-
-def upgrade_text(source: SceneText, values: dict[str, str]) -> UpgradedText:
-    """The text in the terms of Mitsuba 3, and the values that it still uses: Mitsuba refuses others."""
-    text, tags = source.text, list[str]()
-    if is_old(text):
-        whole = _with_old_includes(text, source.file.parent)
-        text, tags = old_text.upgraded_text(whole, values)
-    used = dict(values)
-    for name in values:
-        mark = f"${name}"
-        was_used = name == "exposure_s" or mark in source.text
-        if was_used and mark not in text:
-            del used[name]
-    return UpgradedText(text, tags, used)
-
-
-def parse_nodes(source: SceneText, upgraded: UpgradedText) -> ParsedNodes:
-    """The nodes of a scene, old formats in the terms of Mitsuba 3. Raises InputError."""
-    mi, config, file = mitsuba(), parser_config(), source.file
+        path = Path(place)
+        text = path.read_text(encoding="utf-8", errors="replace")
+    require_shallow(text, path)
+    names = _parameter_names(text)
+    unknown = [name for name in values if name not in names]
+    if unknown and "<include" not in text:  # names in included files are left to Mitsuba
+        has = f"it has {', '.join(names)}" if names else "it has none"
+        raise InputError(
+            f"scene {str(path)!r} has no parameter {unknown[0]!r}; {has}.{nearest(unknown[0], names)}"
+        )
     beside = type(mi.file_resolver())(mi.file_resolver())
-    beside.prepend(str(file.resolve().parent))
-    with searching(beside), as_input_error(file, values=upgraded.values):
-        if source.is_file and not upgraded.tags:
-            state = mi.parser.parse_file(config, str(file), **upgraded.values)
+    beside.prepend(str(path.resolve().parent))
+    used = dict(values)
+    if "$exposure_s" not in text:  # no element need use it, which Mitsuba refuses
+        used.pop("exposure_s", None)
+    with searching(beside), mitsuba_errors(path, text, values):
+        if is_text:
+            state = mi.parser.parse_string(config, text, **used)
         else:
-            state = mi.parser.parse_string(config, upgraded.text, **upgraded.values)
+            state = mi.parser.parse_file(config, str(path), **used)
         mi.parser.transform_upgrade(config, state)
-        changed = old_formats.upgrade(state)
         mi.parser.transform_resolve(config, state)
         resolver = mi.file_resolver()
         own_folder_first(resolver)
-        refuse_foreign_plugins(str(file), state, resolver)
-    return ParsedNodes(config, state, resolver, changed)
-
-
-def refuse_other_documents(state: MitsubaObject, file: Path) -> None:
-    """Raise InputError for a document that is no scene, and for a format that Mitsuba 3 does not know."""
-    if state.nodes[0].type != mitsuba().ObjectType.Scene:
+        refuse_foreign_plugins(str(path), state, resolver)
+    if state.nodes[0].type != mi.ObjectType.Scene:
         raise InputError(
-            f'{str(file)!r} holds no scene; its outermost element must be <scene version="3.0.0">.'
+            f'{str(path)!r} holds no scene; its outermost element must be <scene version="3.0.0">.'
         )
-    for version in map(str, state.versions):
-        if int(version.split(".")[0]) > old_text.CURRENT[0]:
-            newest = f'formats up to 3 can be read: write version="{old_text.version_name("")}", if it is one of these'
+    usual = re.search(r'<default\s+name="exposure_s"\s+value="([^"]*)"', text)
+    old = old_version(text)
+    of_old = f"scene of Mitsuba {old} as Mitsuba's own upgrade understands it"
+    return ParsedScene(
+        path,
+        variant,
+        config,
+        state,
+        resolver,
+        values,
+        tuple(names),
+        exposure_s=values.get("exposure_s", usual[1]) if usual else None,
+        changes=(("line 1", of_old, "compare a picture of that version"),) if old else (),
+        text=text,
+        content=text.encode() if is_text else b"",
+    )
+
+
+def _of_dict(given: Mapping[str, Any], options: FileOptions, variant: Variant) -> ParsedScene:
+    """A dict as for mi.load_dict."""
+    if given.get("type") != "scene":
+        raise InputError(
+            f"the dict has type {given.get('type')!r}; pass one of a whole scene, with 'type': 'scene'."
+        )
+    if options["parameters"]:
+        raise InputError(
+            "parameters are for the <default> names of a scene in XML; change the dict instead."
+        )
+    for place, value in _leaves(given):
+        if options["integrator"] and isinstance(value, mitsuba().Integrator):
             raise InputError(
-                f"scene {str(file)!r} has the format of Mitsuba {version}; {newest}."
+                f"integrator is given and {place!r} of the dict is one already; leave one of them out."
             )
+        own, now = str(getattr(value, "variant_name", str)()), variant.name
+        if own not in ("", now):  # a picture has none
+            way_out = f"call mitsuba.set_variant({now!r}) before you make it"
+            if "_spectral" in own:
+                way_out += f", or pass variant={own!r}"
+            raise InputError(
+                f"{place!r} of the dict was made in variant {own!r}, and {now!r} renders; {way_out}."
+            )
+    content = json.dumps([(place, _described(value)) for place, value in _leaves(given)])
+    return _of_tree(Path("dict"), given, content, variant)
 
 
-def changes_of_format(
-    scene: SceneFile,
-    source: SceneText,
-    upgraded: UpgradedText,
-    nodes: ParsedNodes,
-    integrator: str | None,
-) -> tuple[tuple[str, tuple[str, str]], ...]:
-    """Where a scene of an old format was changed, what it became and why.
+def _of_loaded(view: LoadedView, variant: Variant) -> ParsedScene:
+    """The sensor of a loaded scene; its shapes and emitters are rendered as they are."""
+    parsed = _of_tree(Path("mi.Scene"), tree_of(view), view.digest(), variant)
+    return replace(parsed, loaded=view, changes=(("mi.Scene", LOADED, LOADED_REMEDY),))
 
-    integrator : that is asked for in place of the scene's own, of which nothing is said then.
+
+def _of_tree(
+    path: Path, tree: Mapping[str, Any], content: str, variant: Variant
+) -> ParsedScene:
+    mi, config = mitsuba(), parser_config()
+    resolver = type(mi.file_resolver())(mi.file_resolver())
+    plain, fields = dict(tree), dict[str, dict[str, Any]]()
+    for name, sensor in tree.items():  # no name in a dict of Mitsuba has a dot: adc.bits
+        if isinstance(sensor, Mapping) and isinstance(film := sensor.get("film"), Mapping):
+            fields[name] = {key: value for key, value in film.items() if "." in key}
+            others = {key: value for key, value in film.items() if "." not in key}
+            plain[name] = {**sensor, "film": others}
+    with mitsuba_errors(path):
+        state = mi.parser.parse_dict(config, plain)
+        refuse_foreign_plugins(str(path), state, resolver)  # before any plugin is built
+        _know_types(path, state)
+        mi.parser.transform_resolve(config, state)
+    parsed = ParsedScene(path, variant, config, state, resolver, content=content.encode())
+    for key, node in parsed.children(parsed.root, "Sensor"):
+        for _, film in parsed.children(node.props, "Film"):
+            for name, value in fields.get(key, {}).items():
+                film.props[name] = value
+    return parsed
+
+
+def _know_types(path: Path, state: MitsubaObject) -> None:
+    """Types of elements that Python has registered: in XML they are known by the tag. Raises InputError for a type that
+    no plugin has; Mitsuba itself says so when it builds the scene."""
+    mi = mitsuba()
+    kinds = dict.fromkeys(gradient_integrators(), mi.ObjectType.Integrator)
+    of_sensor, of_film, of_frame = OWN_PLUGINS
+    kinds |= {of_sensor: mi.ObjectType.Sensor, of_film: mi.ObjectType.Film}
+    kinds[of_frame] = mi.ObjectType.Integrator
+    for node in state.nodes:
+        kind = node.props.plugin_name()
+        if node.type != mi.ObjectType.Unknown:
+            continue
+        if kind in kinds:
+            node.type = kinds[kind]
+            continue
+        try:
+            mi.load_dict({"type": kind})
+        except RuntimeError as error:
+            if f'Plugin "{kind}" not found' in str(error):
+                place = mi.parser.file_location(state, node).removeprefix("dictionary ")
+                raise InputError(
+                    f"scene {str(path)!r}, {place}: there is no plugin {kind!r}{remedy_for(kind)}"
+                ) from None
+
+
+def _leaves(tree: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:
+    """(dotted name, value) of everything that is no dict itself."""
+    for name, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{place}{name}.")
+        else:
+            yield f"{place}{name}", value
+
+
+def _described(value: Any) -> str:
+    """What stands for a value of a dict in the digest of the scene."""
+    if hasattr(value, "variant_name"):
+        return digest_of(value)
+    is_array = isinstance(value, np.ndarray) or hasattr(value, "__array__")
+    return repr(np.asarray(value).tolist() if is_array else value)
+
+
+def _with_integrator(scene: ParsedScene, kind: str) -> ParsedScene:
+    """The scene with an integrator of this kind, which keeps the depth, in place of its own."""
+    found = scene.children(scene.root, "Integrator")
+    for name, _ in found[1:]:
+        del scene.root[name]
+    if not found:
+        scene.root["integrator"] = mitsuba().load_dict({"type": kind, "block_size": BLOCK_SIDE})
+        return scene
+    node = found[0][1]
+    old, kept = node.props.plugin_name(), KEPT_BY_INTEGRATORS[2 * (kind == "direct") :]
+    for name in [name for name in node.props if name not in kept]:
+        del node.props[name]
+    node.props.set_plugin_name(kind)
+    what = f"integrator {old!r} is replaced by {kind!r}, as asked"
+    remedy = "leave the option out for the scene's own"
+    return replace(scene, changes=(*scene.changes, (scene.where(node), what, remedy)))
+
+
+def _parameter_names(text: str) -> list[str]:
+    """Names that a scene's text has for values, in alphabetical order."""
+    defaults = re.findall(r'<default\s+name="(\w+)"', text)
+    return sorted({*defaults, *re.findall(r"\$\{?(\w+)", text)})
+
+
+def pose_in_file_m(scene: ParsedScene, unit_m: float) -> Float64Array:
+    """4 × 4 from the sensor to the world, as its file has it, without scale and mirroring; lengths in metres.
+
+    unit_m : metres per scene unit.
     """
-    why = f"converted from the format of Mitsuba {old_text.version_name(source.text)}"
-    changes = []
-    if upgraded.tags:
-        what = f"<{', '.join(upgraded.tags)}> in the terms of Mitsuba 3"
-        changes.append((scene.where(nodes.state.nodes[0]), (what, why)))
-    for node, what in nodes.changed:
-        replaced = node.type == mitsuba().ObjectType.Integrator and integrator is not None
-        if not replaced:
-            changes.append((scene.where(node), (what, why)))
-    return tuple(changes)
+    sensor, pose = scene.sensor().props, np.eye(4)
+    if "to_world" in sensor:
+        pose = rigid(np.array(sensor["to_world"].matrix, dtype=float).reshape(4, 4))
+    pose[:3, 3] *= unit_m
+    return pose
 
 
-def _with_old_includes(text: str, folder: Path) -> str:
-    """The text with the old files that it includes in place of the <include>, on its line: they too must be changed."""
+def refuse_one_place(
+    names: Collection[str],
+    look_at: object,
+    motion: str | os.PathLike[str] | Mapping[str, Any] | Motion | None,
+) -> None:
+    """Raise InputError for poses in the world that would put all sensors of a scene into one place.
 
-    def content(found: re.Match[str]) -> str:
-        file = folder / found[1]
-        inner = file.read_text(encoding="utf-8", errors="replace") if file.is_file() else ""
-        if not is_old(inner):
-            return found[0]
-        body = re.search(
-            r"<scene[^>]*>(.*)</scene>",
-            re.sub(r"<!--.*?-->", "", inner, flags=re.DOTALL),
-            re.DOTALL,
-        )
-        return " ".join(_with_old_includes(body[1], file.parent).split()) if body else found[0]
-
-    return re.sub(r'<include\s+filename="([^"$]+)"\s*/>', content, text)
+    names : of the sensors.  look_at, motion : options of the render.
+    """
+    if len(names) < 2:
+        return
+    camera = read_motion(motion).camera
+    in_world = camera is not None and any(key.pose is not None for key in camera.keys)
+    for what, given, remedy in (
+        ("look_at", look_at is not None, "move them in the scene file"),
+        ("the motion", in_world, "give its keys move_m and turn_deg"),
+    ):
+        if given:
+            raise InputError(
+                f"{what} has a pose of the camera in the world, where all {len(names)} sensors would be in one "
+                f"place; {remedy}, or take one sensor ({', '.join(names)})."
+            )

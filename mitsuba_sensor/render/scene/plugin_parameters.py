@@ -1,8 +1,35 @@
-"""The parameters of <film type="photosensor"> and <sensor type="camera">: name, XML, unit, default, meaning."""
+"""The parameters of <film type="photosensor"> and <sensor type="camera">: name, XML, unit, default, meaning.
+
+The only data that a film of Mitsuba can carry is its id: what is built from the two elements has their parameters there
+(:class:`PluginParameters`), and they can be read again.
+"""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import json
+from typing import Any, NamedTuple
+
+from ..variants import MitsubaObject
+from .plugin_names import OWN_PLUGINS
+
+_, FILM, _ = OWN_PLUGINS
+
+
+class PluginParameters(NamedTuple):
+    """film : of the photosensor.  sensor : of the camera around it; None where there is none."""
+
+    film: dict[str, Any]
+    sensor: dict[str, Any] | None = None
+
+    def id(self) -> str:
+        """As the id of a film."""
+        return f"{FILM} {json.dumps(self._asdict())}"
+
+
+def parameters_of(film: MitsubaObject) -> PluginParameters | None:
+    """Those of a film that a photosensor became; None of any other."""
+    kind, _, text = film.id().partition(" ")
+    return PluginParameters(**json.loads(text)) if kind == FILM and text else None
 
 
 class PluginParameter(NamedTuple):

@@ -19,28 +19,14 @@ from ...core.llvm import drjit
 from ...stages.polarizers import contrast
 from ..variants import MitsubaObject, is_polarized, mitsuba
 from .lens_sensor import Samples, sensor_class
-from .scene_file import POLARISING, SceneFile
+from .parsed_scene import ParsedScene
 
 STEP_NM = 1.0
 """Of the table of the contrast by wavelength."""
 
 
-def polarised_by(scene: SceneFile, camera: Camera) -> str | None:
-    """What of a scene and a camera polarises light, for a sentence; None where nothing does or it is to be ignored."""
-    if scene.ignore_polarization:
-        return None
-    if camera.sensor.polarizers is not None:
-        return f"camera {camera.name} has polarisers"
-    for node in scene.nodes("BSDF"):
-        if (kind := node.props.plugin_name()) in POLARISING:
-            return (
-                f"scene {scene.name!r}, {scene.where(node)}: {kind!r} acts on polarised light"
-            )
-    return None
-
-
 def with_polarizers(
-    sensor: MitsubaObject, scene: SceneFile, camera: Camera | None
+    sensor: MitsubaObject, scene: ParsedScene, camera: Camera | None
 ) -> tuple[MitsubaObject, str | None]:
     """The sensor behind the polarisers of the camera, and their fingerprint; unchanged without them, and where the
     polarisation of light is not followed."""

@@ -7,8 +7,7 @@ filter) renders as spectral irradiance. Nothing else is changed, and notes say w
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -27,24 +26,32 @@ from ..light.bands import (
     restrict_wavelengths,
 )
 from ..light.brightness import HIGHEST_LAMP_CD_PER_M2, brightest_lamp, cd_per_m2
-from ..lint.finding import Finding, lines_of, most_serious_first
-from ..lint.lint import SPECTRAL_RESPONSE, WRAPPERS, lint, lint_built
-from ..lint.mesh_attributes import refuse_missing_attributes
-from ..lint.metal_tables import continue_metals
-from ..lint.microlenses import microlens_findings
-from ..lint.refusals import refuse_missing_files, refuse_misspelt, refuse_unsuitable
-from ..lint.spectrum_findings import Band, loaded_findings
+from ..lint.finding import Finding, lines_of
+from ..lint.lint import SPECTRAL_RESPONSE, WRAPPERS, Built, Subject, lint, lint_built
+from ..lint.refusals import (
+    refuse_missing_attributes,
+    refuse_missing_files,
+    refuse_misspelt,
+    refuse_unsuitable,
+)
+from ..lint.scene_spectra import continue_metals
 from ..samples import SAMPLER
 from ..variants import MitsubaObject, mitsuba
 from .displaced_rays import with_displaced_rays
-from .film_and_view import WIDTH, built_in_sensor, film_size
 from .half_pupil import with_half_pupil
 from .lens_sensor import with_lens
 from .light_groups import keep_emitters
-from .parse_scene import parse_scene
+from .parse_scene import SceneInput, parse
+from .parsed_scene import WIDTH, ParsedScene
 from .polarizer_rays import with_polarizers
-from .scene_file import SceneFile, as_input_error, plain_message
-from .scene_settings import FILM, SENSOR, SceneSettings, sensor_fields_of, settings_of
+from .scene_errors import plain_message
+from .scene_settings import (
+    FILM,
+    SENSOR,
+    SceneSettings,
+    built_in_sensor,
+    sensor_fields_of,
+)
 from .weight_noise import WeightCounter, weight_counter
 
 FILM_ID = "sensor"  # id of the new film, by which its sensor is found in the built scene
@@ -121,7 +128,7 @@ class Scene:
 
 
 def load_scene(
-    path: str | os.PathLike[str] | SceneFile,
+    scene: SceneInput | ParsedScene,
     bands: Bands,
     parameters: Mapping[str, object],
     camera: Camera | None = None,
@@ -131,19 +138,20 @@ def load_scene(
     sampler: str = SAMPLER,
     emitters: Collection[int] | None = None,
 ) -> Scene:
-    """Load ``path`` with a film of these bands; the variant must be set. Raises InputError.
+    """Load a scene with a film of these bands; the variant must be set. Raises InputError.
 
     parameters, scene_unit, width : as for :func:`render`.  sampler : Mitsuba plugin that samples the light paths.
     camera : whose lens is used; by default the one that the scene file names, if any.
     emitters : those of a light group, by their numbers in :func:`light_groups.emitters_of`; all of them by default.
     """
-    scene = path if isinstance(path, SceneFile) else parse_scene(path, parameters)
-    with as_input_error(scene.path):
+    if not isinstance(scene, ParsedScene):
+        scene = parse(scene, {"parameters": parameters})
+    with scene.mitsuba_errors():
         return _load(scene, bands, camera, scene_unit, width, sampler, emitters)
 
 
 def _load(
-    scene: SceneFile,
+    scene: ParsedScene,
     bands: Bands,
     camera: Camera | None,
     scene_unit: str | float | None,
@@ -151,20 +159,22 @@ def _load(
     sampler: str,
     emitters: Collection[int] | None,
 ) -> Scene:
-    scene = replace(
-        scene, state=mitsuba().parser.ParserState(scene.state)
-    )  # a copy, which is changed
+    mi = mitsuba()
+    scene = replace(scene, state=mi.parser.ParserState(scene.state))  # a copy, which is changed
     refuse_unsuitable(scene)
     refuse_missing_files(scene)
-    settings = settings_of(scene)
+    settings = scene.settings
     camera, metres = camera or settings.camera, settings.metres(scene_unit)
-    findings, dark = lint(scene, Band(*bands.ends_nm, camera), metres)
-    if dark and not scene.edits.traverse:  # which may change the spectrum of an emitter
+    subject = Subject(scene, bands.ends_nm, camera, metres)
+    findings = lint(subject)
+    if (
+        subject.is_dark and not scene.edits.traverse
+    ):  # which may change the spectrum of an emitter
         why = f"{findings[0].what}; give it an emitter with a spectrum there"
         raise InputError(f"scene {scene.name!r} has no light in the bands: {why}.")
     _replace_camera(scene, replace(settings, unit_m=metres), camera)
     scene.edits.set_pose(scene.sensor().props, metres or 1.0)
-    _replace_film(scene, bands, film_size(scene, camera, width), sampler)
+    _replace_film(scene, bands, scene.film_size(camera, width), sampler)
     if emitters is not None:
         scene = keep_emitters(scene, emitters)
     continue_metals(scene.nodes("BSDF"), *bands.ends_nm)
@@ -183,38 +193,36 @@ def _load(
         raise InputError(
             f"scene {scene.name!r}: its sensor has a number that is NaN; correct fov and to_world."
         )
-    integrator = getattr(integrator, "inner", integrator) or mitsuba().load_dict(
-        {"type": "path"}
+    integrator = getattr(integrator, "inner", integrator) or mi.load_dict({"type": "path"})
+    own_view = view_of_sensor(sensor, metres or 1.0)
+    sharp, view, lens_notes = with_lens(sensor, own_view, camera, metres or 1.0)
+    findings = lint_built(
+        findings, replace(subject, scene=scene), Built(world, sensor, integrator, view)
     )
-    spectra = (
-        () if scene.loaded is None else loaded_findings(world, Band(*bands.ends_nm, camera))
-    )
-    of_shapes = lint_built(scene, world, sensor, integrator, camera)
-    findings = most_serious_first([*findings, *of_shapes, *spectra])
-    sharp, view, lens_notes = with_lens(
-        sensor, view_of_sensor(sensor, metres or 1.0), camera, metres or 1.0
-    )
-    if camera is not None:
-        slants = microlens_findings(scene, view, camera)
-        findings = most_serious_first([*findings, *slants])
     half, half_notes = with_half_pupil(sharp, view, camera)
     spread, spread_notes = with_displaced_rays(half, view, camera)
     sensor, polarizers = with_polarizers(spread, scene, camera)
     if camera is not None:
         (columns, rows), (column, row) = view.crop_size, view.crop_offset
-        check_on_sensor(
-            f"the film of scene {scene.name!r}", (rows, columns), (row, column), camera
-        )
-    said = (one.as_note for one in findings if one.level != "fact")
-    notes = (*said, *lens_notes, *half_notes, *spread_notes)
-    loaded = world, integrator, sensor, sharp, view
-    described = scene.digest(), notes, tuple(findings)
-    counter = weight_counter(sensor, bands)
-    return Scene(*loaded, *described, weights=counter, polarizers=polarizers)
+        film = f"the film of scene {scene.name!r}"
+        check_on_sensor(film, (rows, columns), (row, column), camera)
+    as_notes = (finding.as_note for finding in findings if finding.level != "fact")
+    return Scene(
+        world,
+        integrator,
+        sensor,
+        sharp,
+        view,
+        scene.digest(),
+        (*as_notes, *lens_notes, *half_notes, *spread_notes),
+        tuple(findings),
+        weights=weight_counter(sensor, bands),
+        polarizers=polarizers,
+    )
 
 
 def inspect_scene(
-    path: str | os.PathLike[str] | SceneFile,
+    scene: SceneInput | ParsedScene,
     camera: Camera,
     parameters: Mapping[str, object],
     scene_unit: str | float | None = None,
@@ -222,31 +230,26 @@ def inspect_scene(
     """Findings about a scene for ``camera``, without rendering; the variant must be set. The scene is built too, so
     that a missing mesh is an InputError here and not later."""
     bands = box_bands(camera, np.array(camera.band_nm, dtype=float))
-    scene = path if isinstance(path, SceneFile) else parse_scene(path, parameters)
-    findings, dark = lint(
-        scene, Band(*bands.ends_nm, camera), settings_of(scene).metres(scene_unit)
-    )
-    if dark:
-        return tuple(findings)
-    loaded = load_scene(scene, bands, parameters, camera, scene_unit)
-    return (*loaded.findings, *_lamp_finding(scene, loaded))
-
-
-def _lamp_finding(scene: SceneFile, loaded: Scene) -> Iterator[Finding]:
-    """How bright the brightest lamp is."""
+    if not isinstance(scene, ParsedScene):
+        scene = parse(scene, {"parameters": parameters})
+    subject = Subject(scene, bands.ends_nm, camera, scene.settings.metres(scene_unit))
+    if subject.is_dark:
+        return tuple(lint(subject))
+    loaded = load_scene(scene, bands, {}, camera, scene_unit)
     luminance = loaded.brightest_lamp_cd_per_m2
     if luminance is None:
-        return
-    nodes = [n for n in scene.nodes("Emitter") if n.props.plugin_name() == "area"]
-    yield Finding(
+        return loaded.findings
+    lamps = [node for node in scene.nodes("Emitter") if node.props.plugin_name() == "area"]
+    brightest = Finding(
         "note" if luminance > HIGHEST_LAMP_CD_PER_M2 else "fact",
-        lines_of(scene, nodes),
+        lines_of(scene, lamps),
         f"the brightest lamp has {cd_per_m2(luminance)}",
         "`render --luminance 500` scales all light to 500 cd/m² in the median of the picture",
     )
+    return (*loaded.findings, brightest)
 
 
-def _replace_camera(scene: SceneFile, settings: SceneSettings, camera: Camera | None) -> None:
+def _replace_camera(scene: ParsedScene, settings: SceneSettings, camera: Camera | None) -> None:
     """Replace a <sensor type="camera"> by Mitsuba's perspective or thinlens."""
     node = scene.sensor()
     if node.props.plugin_name() != SENSOR:
@@ -257,9 +260,8 @@ def _replace_camera(scene: SceneFile, settings: SceneSettings, camera: Camera | 
             f'{where}: a camera needs a <film type="{FILM}"> that names it, or --camera.'
         )
     try:
-        kind, view = built_in_sensor(
-            settings, camera, film_size(scene, camera, None).get("width", WIDTH)
-        )
+        columns = scene.film_size(camera, None).get("width", WIDTH)
+        kind, view = built_in_sensor(settings, camera, columns)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     for name in sensor_fields_of(node.props):
@@ -269,7 +271,7 @@ def _replace_camera(scene: SceneFile, settings: SceneSettings, camera: Camera | 
         node.props[name] = value
 
 
-def _replace_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler: str) -> None:
+def _replace_film(scene: ParsedScene, bands: Bands, size: dict[str, int], sampler: str) -> None:
     """Replace film and sampler of the sensor; remove other sensors; unwrap integrators that add channels."""
     mi, node = mitsuba(), scene.sensor()
     refuse_misspelt(scene)
@@ -277,7 +279,7 @@ def _replace_film(scene: SceneFile, bands: Bands, size: dict[str, int], sampler:
         del node.props[name]
     if SPECTRAL_RESPONSE in node.props:  # that of the camera is in the film
         del node.props[SPECTRAL_RESPONSE]
-    with as_input_error(scene.path):
+    with scene.mitsuba_errors():
         node.props["film"] = response_film(bands.responses, {**size, "id": FILM_ID})
     node.props["sampler"] = mi.load_dict({"type": sampler})
     for name, child in scene.children(scene.root, "Sensor"):

@@ -1,37 +1,26 @@
 """Reads camera, exposure and seeds of a scene file: <sensor type="camera"> and <film type="photosensor">.
 
-:mod:`.plugins` builds Mitsuba's own objects from them; :func:`settings_of` reads them without building anything.
+:mod:`..plugins` builds Mitsuba's own objects from them.
 """
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from ...camera.camera import SET_BY_SCENE, Camera, with_fields_of
 from ...camera.camera_file import camera_of, load_camera, toml_value
 from ...camera.fingerprint import unused_note
 from ...camera.shipped import DEFAULT_CAMERA, list_cameras
-from ...core import Exposure, InputError, first_given, nearest, require, require_seed
-from ...core.options import complete, part_of
+from ...core import Exposure, InputError, first_given, require, require_seed
 from ...sensor.metering import Metering
 from ..light.bands import BANDWIDTH_NM, SPECTRAL, Bands, choose_bands
-from ..options import FileOptions, RenderOptions
-from ..samples import hashed_seed
-from ..variants import (
-    MitsubaObject,
-    Variant,
-    choose_variant,
-    is_polarized,
-    mitsuba,
-    parser_config,
-    polarized,
-    use,
-)
-from .parse_scene import parse_scene
+from ..options import RenderOptions
+from ..variants import MitsubaObject, mitsuba
 from .plugin_names import OWN_PLUGINS
 from .plugin_parameters import (
     EXPOSURE_PARAMETERS,
@@ -41,11 +30,6 @@ from .plugin_parameters import (
     SENSOR_PARAMETERS,
     SIZE_PARAMETERS,
 )
-from .polarizer_rays import polarised_by
-from .scene_edits import SceneEdits
-from .scene_file import SceneFile, as_input_error, searching
-from .scene_nodes import SceneInput, check_loaded, parse_nodes, view_of_loaded
-from .scene_sensors import each_sensor, with_sensor
 
 SENSOR, FILM, _ = OWN_PLUGINS  # plugin names of the two elements
 FILES = ("camera", "lens.prescription", "quantum_efficiency.file")  # these may be a path
@@ -70,9 +54,6 @@ METRES = {
     "in": 0.0254,
     "ft": 0.3048,
 }
-OF_SENSOR = -4
-"""Of the seeds of sensors: see :func:`hashed_seed`."""
-
 Fields = dict[str, Any]  # parameter name → value, of one element
 
 
@@ -152,41 +133,6 @@ class SceneSettings:
     def unused_note(self, camera: Camera) -> list[str]:
         """The sentence about fields that this file sets and that this named camera has otherwise, or none."""
         return unused_note(self.fields, self.applied_to(camera), camera)
-
-
-def settings_of(scene: SceneFile) -> SceneSettings:
-    """The settings of the sensor of a parsed scene that is rendered; no variant need be set. Raises InputError."""
-    sensor, film = scene.sensor(), scene.film()
-    of_film, of_sensor = Fields(), Fields()
-    try:
-        node = film or sensor
-        if film is not None and film.props.plugin_name() == FILM:
-            _check_names(
-                film.props, (*FILM_FIELDS, *(name for name in film.props if "." in name))
-            )  # a camera's field
-            with searching(scene.resolver):
-                of_film = film_fields_of(film.props)
-        elif scene.exposure_s is not None:
-            of_film = {"exposure_s": seconds_of(scene.exposure_s)}
-        settings_from(of_film, {})  # its errors are located at the film
-        node = sensor
-        if sensor.props.plugin_name() == SENSOR:
-            _check_names(
-                sensor.props, (*SENSOR_FIELDS, *PASSED_ON, *dict(scene.children(sensor.props)))
-            )
-            of_sensor = sensor_fields_of(sensor.props)
-        return settings_from(of_film, of_sensor)
-    except InputError as error:
-        raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {error}") from None
-
-
-def _check_names(props: MitsubaObject, known: Iterable[str]) -> None:
-    """InputError for a parameter that is not known."""
-    for name in props:
-        if name not in known:
-            raise InputError(
-                f"{name[:80]!r} is not a parameter of a {props.plugin_name()}.{nearest(name, known)}"
-            )
 
 
 def film_fields_of(props: MitsubaObject) -> Fields:
@@ -305,90 +251,6 @@ def unit_m(scene_unit: str | float) -> float:
     return require("scene_unit", metres, 1e-12, 1e12, "metres per unit, e.g. 0.001")
 
 
-@dataclass(frozen=True, eq=False)
-class ParsedScene:
-    """A scene file, parsed but not built, what it says of camera, exposure and seeds, and the variant set for it."""
-
-    file: SceneFile
-    settings: SceneSettings
-    variant: Variant
-
-    def in_variant_for(self, camera: Camera) -> ParsedScene:
-        """The same in a variant that follows the polarisation of light, which is set from now on, where camera or scene
-        polarise it. Raises InputError where another variant was asked for."""
-        what = polarised_by(self.file, camera)
-        if what is None or is_polarized():
-            return self
-        variant = polarized(self.variant)
-        if self.variant.reason == "asked for" or self.file.holds_objects:
-            raise InputError(
-                f"{what}, which {self.variant.name} does not follow; load and render the scene in variant "
-                f"{variant.name!r}, or ignore_polarization (--ignore-polarization) for unpolarised light."
-            )
-        use(variant)
-        return replace(self, variant=variant, file=replace(self.file, config=parser_config()))
-
-    def with_camera(self) -> ParsedScene:
-        """With the default camera where the file names none."""
-        if self.settings.camera is not None:
-            return self
-        return replace(self, settings=self.settings.with_default_camera())
-
-    def seed(self, given: int | None) -> int:
-        """The seed that was given, else the scene file's, else 1; of the sensors after the first one a seed that
-        follows from it, so that their noise is independent. Raises InputError."""
-        seed = require_seed("seed", first_given(given, self.settings.seed, 1))
-        if not self._sensor_number:
-            return seed
-        return hashed_seed(seed, OF_SENSOR, self._sensor_number)
-
-    def serial(self, given: int | None) -> int:
-        """The serial number of the camera, by default 1, of the sensors after the first one counted on; a number of the
-        scene file is that of its own sensor. Raises InputError."""
-        if given is None and self.settings.serial is not None:
-            return require_seed("serial", self.settings.serial)
-        return require_seed("serial", first_given(given, 1)) + self._sensor_number
-
-    @property
-    def _sensor_number(self) -> int:
-        return 0 if self.file.chosen is None else self.file.chosen.number
-
-
-def parse(scene: SceneInput, options: Mapping[str, Any]) -> ParsedScene:
-    """Parse a scene, and set the variant. options : those of :class:`render.options.SceneOptions`, or some of them.
-    Raises InputError."""
-    chosen = complete(FileOptions, part_of(FileOptions, options))
-    parameters = chosen["parameters"]
-    if parameters is not None and not isinstance(parameters, Mapping):
-        raise InputError(
-            f"parameters is {parameters!r}; pass a dict of the scene's <default> names and their values."
-        )
-    if (loaded := view_of_loaded(scene)) is not None:
-        check_loaded(loaded.scene, options)
-    variant = choose_variant(chosen["variant"])
-    use(variant)
-    if isinstance(scene, str | os.PathLike):
-        file = parse_scene(
-            scene, parameters or {}, chosen["integrator"], chosen["ignore_polarization"]
-        )
-    else:
-        file = parse_nodes(scene, chosen)
-    file = with_sensor(file, cast(str | None, chosen["sensor"]))
-    with as_input_error(file.path):
-        return ParsedScene(
-            replace(file, edits=SceneEdits.of(options)), settings_of(file), variant
-        )
-
-
-def parse_sensors(scene: SceneInput, options: Mapping[str, Any]) -> dict[str, ParsedScene]:
-    """Parse a scene once; it is returned for each of its sensors, by name. Raises InputError."""
-    whole = parse(scene, {**options, "sensor": None})
-    return {
-        name: replace(whole, file=file, settings=settings_of(file))
-        for name, file in each_sensor(whole.file).items()
-    }
-
-
 def bands_asked_for(
     options: RenderOptions, settings: SceneSettings, camera: Camera, usual: str
 ) -> Bands:
@@ -401,3 +263,40 @@ def bands_asked_for(
         spectral = "auto" if bands or camera.quantum_efficiency.quantum_yield else usual
     width_nm = first_given(options["bandwidth_nm"], settings.bandwidth_nm, BANDWIDTH_NM)
     return choose_bands(camera, wavelength_nm, width_nm, spectral)
+
+
+def built_in_sensor(
+    settings: SceneSettings, camera: Camera, columns: int
+) -> tuple[str, dict[str, float | str]]:
+    """The sensor of Mitsuba that replaces a <sensor type="camera">: its type and its parameters.
+
+    A thin lens of focal length f focused at d has its image at s = f·d/(d − f). Without a focus distance s = f, and a
+    pinhole images everything sharply. Field of view 2·atan(columns·pitch/(2·s)), aperture radius f/(2·N).
+    columns : width of the film in pixels.  Raises InputError.
+    """
+    if settings.focal_length_mm is None:
+        raise InputError(
+            'a camera needs its focal length, e.g. <float name="focal_length_mm" value="25"/>.'
+        )
+    focal_m, focus_m, unit_m = (
+        settings.focal_length_mm * 1e-3,
+        settings.focus_distance_m,
+        settings.unit_m or 1.0,
+    )
+    if focus_m is not None and focus_m <= focal_m:
+        far = f"more than the focal length, {focal_m:g} m (the distance of objects in focus, e.g. 2)"
+        raise InputError(f"focus_distance_m is {focus_m:g}; it must be {far}.")
+    image_m = focal_m if focus_m is None else focal_m * focus_m / (focus_m - focal_m)
+    half_width = columns * camera.pixel.pitch_x_um * 1e-6 / (2 * image_m)
+    view: dict[str, float | str] = {
+        "fov": 2 * math.degrees(math.atan(half_width)),
+        "fov_axis": "x",
+    }
+    if focus_m is None:
+        return "perspective", view
+    radius_m = focal_m / (2 * camera.lens.f_number)
+    return "thinlens", {
+        **view,
+        "aperture_radius": radius_m / unit_m,
+        "focus_distance": focus_m / unit_m,
+    }

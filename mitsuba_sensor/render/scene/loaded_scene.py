@@ -1,0 +1,205 @@
+"""A scene that Mitsuba has loaded already: its sensor described again, from its parameters."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...core import InputError
+from ..variants import POLARIZED, MitsubaObject, is_polarized, mitsuba, values_of
+from .plugin_names import OWN_PLUGINS
+from .plugin_parameters import parameters_of
+
+SENSOR, FILM, _ = OWN_PLUGINS
+KINDS = {
+    "PerspectiveCamera": "perspective",
+    "ThinLensCamera": "thinlens",
+    "OrthographicCamera": "orthographic",
+    "IrradianceMeter": "irradiancemeter",
+    "RadianceMeter": "radiancemeter",
+    "DistantSensorImpl": "distant",
+    "BatchSensor": "batch",
+    "BoxFilter": "box",
+    "TentFilter": "tent",
+    "CatmullRomFilter": "catmullrom",
+    "MitchellNetravaliFilter": "mitchell",
+    "LanczosSincFilter": "lanczos",
+    "SpecFilm": "specfilm",
+}
+"""Classes of sensors, filters and films, and their types."""
+IMAGING = ("perspective", "thinlens", "orthographic", "camera")
+NO_IMAGE = {
+    "irradiancemeter": "measures the irradiance on its shape",
+    "radiancemeter": "measures the radiance along one ray",
+    "distant": "measures the radiance that leaves the scene in one direction",
+}
+"""Sensors of Mitsuba without a focal plane, and what they do."""
+NO_RADIANCE = ("DepthIntegrator", "ParticleTracerIntegrator")
+POLARISERS = ("LinearPolarizer", "CircularPolarizer", "LinearRetarder", "MeasuredPolarized")
+"""Classes of materials that act on polarised light."""
+OPTIONS = (
+    "parameters",
+    "sensor",
+    "integrator",
+    "motion",
+    "ignore_polarization",
+    "traverse",
+    "look_at",
+    "repeatable",
+    "infrared",
+)
+"""Options which change a scene before it is loaded."""
+CROP = ("crop_width", "crop_height", "crop_offset_x", "crop_offset_y")
+LOADED = (
+    "pictures and colours of a loaded scene are not looked at for what is black in the bands"
+)
+LOADED_REMEDY = "pass the scene as a path, as XML text or as a dict"
+
+
+class LoadedView(NamedTuple):
+    """A loaded scene and what one picture of it is made with.
+
+    integrator : or None for path.  film : whose parameters are those of our plugins, if any; that of the sensor, or of
+    the batch to which the sensor belongs.
+    """
+
+    scene: MitsubaObject
+    sensor: MitsubaObject
+    integrator: MitsubaObject
+    film: MitsubaObject
+
+    def digest(self) -> str:
+        """Of everything that its parts print and contain, whatever their order: that of the shapes is left to
+        chance."""
+        parts = [*self.scene.shapes(), *self.scene.emitters(), self.sensor]
+        return json.dumps(sorted([digest_of(part) for part in parts] + [str(self.integrator)]))
+
+
+def view_of_loaded(scene: object, options: Mapping[str, Any]) -> LoadedView | None:
+    """What is to be rendered of a mi.Scene, by its first sensor that is not on a shape; None for what is no mi.Scene.
+    Raises InputError for a scene of another variant, or with options that it comes too late for."""
+    if isinstance(scene, LoadedView):
+        view = scene
+    elif hasattr(scene, "sensors") and hasattr(scene, "variant_name"):
+        if not (sensors := scene.sensors()):
+            raise InputError(
+                "scene 'mi.Scene' has no sensor; load it with one of type perspective, thinlens or orthographic."
+            )
+        sensors = [sensor for sensor in sensors if sensor.get_shape() is None] or sensors
+        integrator = scene.integrator()
+        inner = getattr(integrator, "inner", integrator)
+        view = LoadedView(scene, sensors[0], inner, sensors[0].film())
+    else:
+        return None
+    own, wanted = view.scene.variant_name(), options.get("variant") or mitsuba().variant()
+    if "_spectral" not in own:
+        raise InputError(
+            f"the scene was loaded in variant {own!r}, which keeps no spectra; call mitsuba.set_variant"
+            "('scalar_spectral') before you load it, or pass its path, XML text or dict."
+        )
+    if own != wanted:
+        way_out = f"load it again, or pass variant={own!r}"
+        raise InputError(
+            f"the scene was loaded in variant {own!r}, and {wanted!r} is to render it; {way_out}."
+        )
+    for name in OPTIONS:
+        if options.get(name):
+            raise InputError(
+                f"{name} is given and the scene is a loaded mi.Scene, which it cannot change; {LOADED_REMEDY}."
+            )
+    return view
+
+
+def tree_of(view: LoadedView) -> dict[str, Any]:
+    """A dict with the sensor of a loaded scene. Raises InputError where no picture can be made of the scene."""
+    integrator, own = view.integrator, view.scene.variant_name()
+    if integrator is not None:
+        why = ""
+        if integrator.aov_names():
+            why = "adds channels that the sensor cannot use"
+        elif integrator.class_name() in NO_RADIANCE:
+            why = "computes no radiance"
+        if why:
+            raise InputError(
+                f"the integrator of the scene, {integrator.class_name()}, {why}; load the scene with another, e.g. "
+                "'path'."
+            )
+    for number, shape in enumerate(view.scene.shapes()):
+        if not is_polarized() and any(name in str(shape.bsdf()) for name in POLARISERS):
+            raise InputError(
+                f"shape {shape.id() or number!r} of the scene polarises light, which {own!r} does not follow; load it "
+                f"in {own + POLARIZED!r}, or {LOADED_REMEDY} and ignore_polarization=True for unpolarised light."
+            )
+    return {"type": "scene", "sensor": _described(view.sensor, view.film)}
+
+
+def why_no_image(kind: str) -> str:
+    """Why a sensor of this type cannot be rendered, and what can: the end of a sentence."""
+    if kind == "batch":
+        return (
+            "'batch' puts several sensors on one film; move those of type perspective, thinlens or orthographic out of "
+            "it into the scene, and `--sensor all` takes a frame of each"
+        )
+    many = ", ".join(IMAGING)
+    if kind in NO_IMAGE:
+        return f"{kind!r} {NO_IMAGE[kind]} and takes no image; replace it by one of {many}"
+    return f"a sensor of type {kind!r} cannot be rendered; it must be one of {many}"
+
+
+def _described(sensor: MitsubaObject, of_plugins: MitsubaObject) -> dict[str, Any]:
+    """The parameters of a sensor and its film, from which they are built again.
+
+    of_plugins : film with the parameters of our plugins, if any; size and crop are those of the sensor's own film.
+    """
+    mi, film = mitsuba(), sensor.film()
+    kind = KINDS.get(sensor.class_name(), sensor.class_name())
+    if kind not in IMAGING:
+        raise InputError(f"scene 'mi.Scene': {why_no_image(kind)}.")
+    if sensor.get_medium() is not None:
+        raise InputError(f"the sensor of the scene is inside a medium; {LOADED_REMEDY}.")
+    found = mi.traverse(sensor)
+    pose = mi.ScalarTransform4f(np.array(found["to_world"].matrix, dtype=float).reshape(4, 4))
+    names = ("near_clip", "far_clip", "principal_point_offset_x", "principal_point_offset_y")
+    view: dict[str, Any] = {"to_world": pose}
+    view |= {name: float(np.ravel(found[name])[0]) for name in names if name in found}
+    pairs = film.size(), film.crop_size(), film.crop_offset()
+    size, crop, offset = (tuple(int(n) for n in pair) for pair in pairs)
+    own = dict(zip(("width", "height"), size, strict=True))
+    if crop != size:
+        own |= dict(zip(CROP, crop + offset, strict=True))
+    parameters = parameters_of(of_plugins)
+    if parameters is None:
+        rfilter = {"type": KINDS.get(film.rfilter().class_name(), "gaussian")}
+        film_kind = KINDS.get(film.class_name(), "hdrfilm")
+        own |= {"type": film_kind, "component_format": "float32", "rfilter": rfilter}
+    else:
+        kept = {key: parameters.film[key] for key in parameters.film if key not in CROP}
+        own = {"type": FILM, **kept, **own}
+        if parameters.sensor is not None:
+            return {"type": SENSOR, **parameters.sensor, **view, "film": own}
+    if kind == "thinlens":
+        for name in ("focus_distance", "aperture_radius"):
+            view[name] = float(np.ravel(found[name])[0])
+    if "x_fov" in found:
+        view |= {"fov": float(np.ravel(found["x_fov"])[0]), "fov_axis": "x"}
+    return {"type": kind, **view, "film": own}
+
+
+def digest_of(thing: MitsubaObject) -> str:
+    """SHA-256 of what an object of Mitsuba prints, and of its parameters."""
+    digest = hashlib.sha256(str(thing).encode())
+    if isinstance(thing, mitsuba().Bitmap):
+        digest.update(np.ascontiguousarray(np.array(thing)).tobytes())
+    for _, value in sorted((name.split(".")[-1], value) for name, value in _arrays(thing)):
+        digest.update(value)
+    return digest.hexdigest()
+
+
+def _arrays(thing: MitsubaObject) -> Iterator[tuple[str, bytes]]:
+    for name, value in values_of(thing):
+        values = getattr(value, "matrix", value)  # of a transform
+        yield name, np.ascontiguousarray(np.array(values)).tobytes()
