@@ -288,7 +288,7 @@ def distances_section(compared: Sequence[Compared]) -> Section:
 def transfer_section(twin: Twin, residuals: Sequence[Mapping[str, float]]) -> Section:
     """The photon transfer curve, and the difference of the temporal variances."""
     name, response = next(iter(twin.base.responses.items()))
-    curve = Drawing(f"Photon transfer {name}".strip(), response.transfer.plot)
+    curve = Drawing(f"Photon transfer {name}".strip(), response.linear.photon_transfer.plot)
     if not residuals:
         return Section((), True, (curve,))
     most = z_limit(len(residuals))

@@ -158,8 +158,7 @@ def test_a_stuck_column_costs_a_twin_neither_dark_current_nor_uniformity() -> No
     assert any("taken from their neighbours: row 30 and column 7" in x for x in base.notes)
     assert base.dark.rate.quantity.low > 0 and base.dark.offsets.image.shape == (64, 150)
     assert base.gain.quantity.covers(0.1241)
-    (gains,) = base.gains.values()
-    assert gains.pixel.quantity.value < 0.02
+    assert base.prnu("pixel").quantity.value < 0.02
 
 
 def test_stuck_lines_of_a_mosaic_are_filled_by_lines_of_their_filter() -> None:

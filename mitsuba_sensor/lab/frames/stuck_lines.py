@@ -14,6 +14,8 @@ from .stack import Stack
 LEAST_RESPONSE, LARGEST_RESPONSE = 0.5, 1.5
 """Response of a line over that of the middle one, outside of which it is left out."""
 REASON = "without the response of light of the others"
+FRAMES = 9
+"""Frames whose median shows dead and stuck lines."""
 MOST_SHARE = 0.02
 """Share of the rows, or of the columns, up to which they are defects; more are uneven light."""
 
@@ -99,13 +101,13 @@ def _find(bench: Bench) -> StuckLines:
     nothing = StuckLines(np.empty(0, np.intp), np.empty(0, np.intp))
     if not darks or not bench.flats:
         return nothing
-    dark = np.median(darks[0].frames, axis=0)
+    dark = np.median(darks[0].frames[:FRAMES], axis=0)
     levels = [float(np.median(flat.frames[0])) for flat in bench.flats]
     half = 0.5 * (max(levels) + float(np.median(dark)))
     flat = bench.flats[int(np.argmin(np.abs(np.array(levels) - half)))]
     if flat.shape != darks[0].shape or not flat.mean.size:
         return nothing
-    signal = np.median(flat.frames, axis=0) - dark
+    signal = np.median(flat.frames[:FRAMES], axis=0) - dark
     rows, columns = (_stuck(np.median(signal, axis=axis)) for axis in (1, 0))
     return StuckLines(rows, columns)
 

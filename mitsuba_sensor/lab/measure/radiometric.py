@@ -30,7 +30,7 @@ MOST_EFFICIENT = 0.9
 """Quantum efficiency that few sensors exceed."""
 TOO_EFFICIENT = "more electrons than photons"
 """In the note of a quantum efficiency above 1, which has no value."""
-EFFICIENCY = no_value("η", "quantum efficiency", "1", "EMVA 1288 R4 2.1")
+EFFICIENCY = no_value("η", "quantum efficiency", "", "EMVA 1288 R4 2.1")
 
 
 @dataclass(frozen=True, eq=False)
