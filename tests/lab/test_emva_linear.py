@@ -249,6 +249,9 @@ def test_k_of_a_curved_response_is_that_of_small_signals_and_that_of_the_fit(
     assert found["K"].covers(0.3) and found["K"].value == pytest.approx(0.3, rel=0.02)
     assert found["η"].covers(0.6) and found["R"].value == pytest.approx(0.18, rel=0.002)
     assert ("of small signals" in found["K"].note) == bool(bend)
+    if bend:
+        assert found["K_line"].value == pytest.approx(found.as_measured.gain.value)
+        assert "the response is curved" in found.notes[-1]
     assert found.curve.kappa == pytest.approx(bend / 3000, abs=2e-7)
 
 

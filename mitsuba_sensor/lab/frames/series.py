@@ -177,7 +177,9 @@ class Series:
         rounding = [
             rounding_error_dn2(dark.variance) if self.whole else 0.0 for dark in self.darks
         ]
-        return np.hypot(self.of_darks("variance_error"), np.array(rounding)[self.dark_of])
+        return np.asarray(
+            np.hypot(self.of_darks("variance_error"), np.array(rounding)[self.dark_of])
+        )
 
     @cached_property
     def coarse(self) -> NDArray[np.bool_]:

@@ -18,8 +18,8 @@ FEWEST_CODES = 12
 LEAST_DIFFERENCE = 0.05
 """Relative difference of the signals at the places of 2 × 2 tiles, from which on they are colour filters; channels of
 a sensor differ by less."""
-SEEN = 256
-"""Rows and columns of the centre that tell whether a dark stack is saturated."""
+SEEN, SEEN_FRAMES = 256, 16
+"""Rows and columns of the centre, and frames, that tell whether a dark stack is saturated."""
 
 
 def sound(bench: Bench) -> tuple[Bench, str]:
@@ -73,18 +73,13 @@ def _refuse_mosaic(bench: Bench) -> None:
 
 def _without_saturated_darks(bench: Bench) -> tuple[Bench, str]:
     """The bench without dark stacks at the end of the range, whose noise is less than half of that of darker stacks."""
-    points: list[tuple[float, float]] = []
-    for stack in bench.stacks:
-        if len(stack) > 1:
-            some = centre(stack, SEEN)
-            points.append((float(some.frame_means.mean()), float(some.variance.mean())))
+    points = [_mean_and_variance(stack) for stack in bench.stacks if len(stack) > 1]
     shortest_s = min((dark.exposure_s for dark in darks_of(bench)), default=0.0)
     full: list[Stack] = []
     for dark in darks_of(bench):
         if len(dark) < 2 or dark.exposure_s == shortest_s:
             continue
-        some = centre(dark, SEEN)
-        mean, variance = float(some.frame_means.mean()), float(some.variance.mean())
+        mean, variance = _mean_and_variance(dark)
         if any(other < mean and more > max(2 * variance, 1.0) for other, more in points):
             full.append(dark)
     if not full:
@@ -95,3 +90,11 @@ def _without_saturated_darks(bench: Bench) -> tuple[Bench, str]:
 
     times = ", ".join(f"{stack.exposure_s:g} s" for stack in full)
     return bench.change(keep), f"dark frames of {times} are saturated, and left out"
+
+
+def _mean_and_variance(stack: Stack) -> tuple[float, float]:
+    """Mean [DN] and temporal variance within rows [DN²] at the centre: light that flickers is no noise."""
+    frames = centre(stack, SEEN).frames[:SEEN_FRAMES].astype(np.float64)
+    mean = float(frames.mean())
+    frames -= frames.mean(axis=2, keepdims=True)
+    return mean, float(frames.var(axis=0, ddof=1).mean())

@@ -18,7 +18,7 @@ from ..quantity import Quantity, unknown
 from .curved_response import Curve, curvature, small_signals, straighten
 from .dark_noise import DarkNoise, dark_noise
 from .log_axes import set_log_axes
-from .photon_transfer import PhotonTransfer
+from .photon_transfer import PhotonTransfer, photon_transfer
 from .radiometric import EFFICIENCY, TOO_EFFICIENT, Radiometric, radiometric
 from .saturation import NO_PHOTONS, Saturation, find_peak, saturation
 
@@ -36,6 +36,7 @@ class EmvaLinear:
 
     levels : of the flat fields and dark frames.  curve : of the response; K, R and η are those of small signals along
     it, with intervals that hold a line and a curve where the levels do not tell them apart.
+    photon_transfer : along the curve.  as_measured : as EMVA 1288 Linear has it, without a curve.
     """
 
     quantities: tuple[Quantity, ...]
@@ -47,14 +48,15 @@ class EmvaLinear:
     notes: tuple[str, ...]
     levels: Series
     curve: Curve
+    as_measured: PhotonTransfer
 
     @property
     def plots(self) -> dict[str, Callable[[Axes], object]]:
         """Drawings by title."""
         return {
             "Radiometric function": self.radiometric.plot,
-            "Photon transfer, linear": self.photon_transfer.plot,
-            "Photon transfer, logarithmic": partial(self.photon_transfer.plot, log=True),
+            "Photon transfer, linear": self.as_measured.plot,
+            "Photon transfer, logarithmic": partial(self.as_measured.plot, log=True),
             "Signal-to-noise ratio, linear": partial(self.snr.plot, log=False),
             "Signal-to-noise ratio, logarithmic": self.snr.plot,
             "Linearity": self.radiometric.plot_deviation,
@@ -101,8 +103,16 @@ def emva_linear(
         signal = saturation(measured, transfer.gain, usable, dark.total).signal
         ends = replace(ends, signal=signal)
     notes = (*measured.notes, *_note_spatial_stacks(flats, used, measured))
+    as_measured, rows = transfer, [transfer.gain]
+    if curve:
+        as_measured = photon_transfer(measured)
+        name = f"{as_measured.gain.name} by a straight line"
+        rows.append(replace(as_measured.gain, symbol="K_line", name=name))
+        notes += (
+            f"the response is curved: the slope changes by {_percent_bent(measured, curve):+.2g} %",
+        )
     figures = [
-        transfer.gain,
+        *rows,
         efficiency or unknown(EFFICIENCY, NO_PHOTONS),
         *light.quantities,
         *dark.quantities,
@@ -111,7 +121,14 @@ def emva_linear(
     if measured.notes:
         figures = [figure.noted("see the notes of the series") for figure in figures]
     snr = signal_to_noise(straightened, transfer.gain, usable, dark.total)
-    return EmvaLinear(tuple(figures), transfer, light, dark, ends, snr, notes, measured, curve)
+    parts = transfer, light, dark, ends, snr
+    return EmvaLinear(tuple(figures), *parts, notes, measured, curve, as_measured)
+
+
+def _percent_bent(measured: Series, curve: Curve) -> float:
+    """By how much the slope of the response at the end of the range differs from that at zero [%]."""
+    end = np.array(find_peak(measured).mean[0])
+    return 100 * (float(curve.slope(curve.straight(end))) - 1)
 
 
 def _note_smoothed(flats: Sequence[Stack]) -> str:

@@ -133,7 +133,8 @@ def _quantities_of(result: Any, instrument: Instrument) -> Iterator[Quantity]:
     elif hasattr(result, "quantities"):
         yield from result.quantities
     elif isinstance(result, tuple) and len(result) == 3 and not isinstance(result[0], Quantity):
-        yield Quantity(title, title, *map(float, result), unit, section)
+        value, low, high = map(float, result)
+        yield Quantity(title, title, value, low, high, unit, section)
     else:
         yield from result
 
