@@ -463,7 +463,7 @@ LINES_OF_A_MODULE, FORMATTED_BY_HAND, ANY, PARAMETERS = 420, 10, 300, 8
 
 TOKENS_MAX = {
     ".": 8724,
-    "bench": 26065,
+    "bench": 26061,
     "benchmarks": 53091,
     "camera": 25726,
     "cli": 30355,
@@ -472,7 +472,7 @@ TOKENS_MAX = {
     "examples": 18885,
     "files": 22831,
     "gradient": 4252,
-    "lab": 72777,
+    "lab": 72670,
     "optics": 17500,
     "output": 24523,
     "pages": 3609,
@@ -481,7 +481,7 @@ TOKENS_MAX = {
     "sensor": 14679,
     "stages": 34199,
     "study": 16929,
-    "tests": 567003,
+    "tests": 567009,
     "theory": 18636,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

@@ -22,6 +22,7 @@ from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.quantity import Quantity
 from mitsuba_sensor.lab.statistics.mean_squares import MeanSquare, MeanSquares
 from mitsuba_sensor.lab.twin import fit
+from mitsuba_sensor.lab.twin.dark import frame_noise
 from mitsuba_sensor.lab.twin.evidence import Fitted
 from mitsuba_sensor.lab.twin.fit import held_out
 from mitsuba_sensor.lab.twin.maps import CombinedMap
@@ -31,7 +32,7 @@ from mitsuba_sensor.lab.twin.read_law import (
     sample_l_moments,
     tukey_shape,
 )
-from mitsuba_sensor.lab.twin.setting import frame_noise, root_mean_square, weighted_mean
+from mitsuba_sensor.lab.twin.setting import root_mean_square, weighted_mean
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 RNG = np.random.default_rng(16)

@@ -26,7 +26,7 @@ from ..frames.selection import (
 )
 from ..frames.soundness import sound
 from ..frames.stack import Stack
-from ..frames.stuck_lines import without_stuck_lines
+from ..frames.stuck_lines import with_lines_filled
 from ..quantity import Quantity
 from .correlation import correlation
 from .dark_current import DarkTemperature, dark_current, dark_temperature
@@ -166,7 +166,7 @@ def measure_bench(
     bench, saturated = sound(bench)
 
     def measure_filter(name: str, part: Bench) -> Measurement:
-        responding, stuck = without_stuck_lines(part)
+        responding, stuck = with_lines_filled(part)
         notes = [note for note in (*bench.notes, saturated, stuck) if note]
         measurement = Measurement(name, responding, notes=notes, report=report)
         for instrument in rows:

@@ -1,0 +1,193 @@
+"""Black level, offsets, dark current and temporal noise in the dark, with the maps of offsets and dark current."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...core.types import Float64Array
+from ..frames.clipping import mark_rounding
+from ..frames.stack import Stack
+from ..measure.dark_current import dark_current, errors_of_means
+from ..measure.dark_signal import distributions_of
+from ..quantity import Quantity, no_value, student_interval, unknown
+from ..statistics.mean_squares import MeanSquare, MeanSquares, root, temporal_mean_squares
+from .evidence import Fitted, frames_of
+from .maps import CombinedMap
+
+SECTION = "fit"
+READ = no_value("σ_read", "read noise of the pixels, rms", "DN", SECTION)
+FRAME = no_value("σ_frame", "jitter of the black level from frame to frame", "DN", SECTION)
+CLEAR = 3.0
+"""Spread of the dark current over what averaging left of noise, from which on its distribution is looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class Dark:
+    """What dark frames of one temperature show.
+
+    black : at exposure time 0 [DN].  rate : mean dark signal [DN/s].  cv : its σ over mean from pixel to pixel.
+    offsets, rates : of the pixels [DN, DN/s]; rates None for one exposure time.
+    distribution : of the rates, as a camera file names it, or None.  quiet : the stack that shows the temporal noise.
+    """
+
+    black: Fitted
+    rate: Fitted
+    cv: Fitted
+    offsets: CombinedMap
+    rates: CombinedMap | None
+    distribution: str | None
+    quiet: Stack
+
+    def window(self, rows: slice, columns: slice) -> Dark:
+        """Offsets and rates of some rows and columns."""
+        offsets = replace(self.offsets, image=self.offsets.image[rows, columns])
+        rates = self.rates
+        if rates is not None:
+            rates = replace(rates, image=rates.image[rows, columns])
+        return replace(self, offsets=offsets, rates=rates)
+
+    def expected_frame(self, exposure_s: float) -> Float64Array:
+        """Expected mean frame of an exposure time (H, W) [DN]."""
+        if self.rates is None:
+            return self.offsets.image
+        return self.offsets.image + exposure_s * self.rates.image
+
+    def dsnu(self, part: str) -> Fitted:
+        """DSNU of the ``pixel``, ``row`` or ``col`` offsets [DN]."""
+        name = "dark signal non-uniformity"
+        spread = self.offsets.spread()[part]
+        dsnu = Quantity(f"DSNU_{part}", name, *spread, "DN", SECTION)
+        return self.black.known_as(mark_rounding(dsnu, self.quiet))
+
+
+def dark_over_time(stacks: Sequence[Stack]) -> Dark:
+    """Black level, dark current and their maps from bias and dark stacks of one temperature."""
+    squares = [temporal_mean_squares(stack) for stack in stacks]
+    times = np.array([stack.exposure_s for stack in stacks])
+    counts = np.array([len(stack) for stack in stacks])
+    quiet = min(stacks, key=lambda stack: (stack.exposure_s, -len(stack)))
+    frames = frames_of(*stacks)
+    black = no_value("black", "black level", "DN", SECTION)
+    rate = no_value("µ_I", "dark current from the mean", "DN/s", SECTION)
+    several_times = len(set(times.tolist())) > 1
+    if several_times:
+        current = dark_current(stacks)
+        _, low, high = current.line.offset_interval
+        black = replace(black, value=current.line.offset, low=low, high=high)
+        rate = replace(current.from_mean, symbol=rate.symbol)
+    else:
+        why = "one exposure time: dark current is part of the black level"
+        errors, freedom = errors_of_means(stacks, squares)
+        weights = counts / counts.sum()
+        mean = sum(
+            float(stack.frame_means.mean()) * w
+            for stack, w in zip(stacks, weights, strict=True)
+        )
+        error = math.sqrt(float(weights**2 @ errors**2))
+        _, low, high = student_interval(mean, error, min(freedom, 1e9))
+        black = replace(black, value=mean, low=low, high=high, note=why)
+        rate = unknown(rate, why)
+    variances = [max(sum(term.value for term in one.variance()), 1e-9) for one in squares]
+    at_zero, per_second = _line_weights(times, counts / np.array(variances))
+    offsets = _combine(stacks, squares, at_zero)
+    rates = _combine(stacks, squares, per_second) if several_times else None
+    cv, distribution = _nonuniformity(rates, rate, stacks)
+    return Dark(
+        black=Fitted(black, frames),
+        rate=Fitted(rate, frames),
+        cv=Fitted(cv, frames),
+        offsets=offsets,
+        rates=rates,
+        distribution=distribution,
+        quiet=quiet,
+    )
+
+
+def _line_weights(
+    times: Float64Array, weights: Float64Array
+) -> tuple[Float64Array, Float64Array]:
+    """What a line through weighted points takes of each for its value at time 0, and for its slope (0 for one time)."""
+    if len(set(times.tolist())) < 2:
+        return weights / weights.sum(), np.zeros(len(times))
+    s0, s1, s2 = (float((weights * times**power).sum()) for power in range(3))
+    det = s0 * s2 - s1**2
+    return weights * (s2 - s1 * times) / det, weights * (s0 * times - s1) / det
+
+
+def _combine(
+    stacks: Sequence[Stack], squares: Sequence[MeanSquares], weights: Float64Array
+) -> CombinedMap:
+    """Weighted sum of the stacks' means, and the temporal noise that is left in it."""
+    image = np.zeros(stacks[0].shape)
+    noises: list[tuple[MeanSquares, float]] = []
+    for stack, stack_squares, weight in zip(stacks, squares, weights.tolist(), strict=True):
+        image += weight * stack.mean
+        noises.append((stack_squares, weight**2 / len(stack)))
+    return CombinedMap(image, tuple(noises))
+
+
+def _nonuniformity(
+    rates: CombinedMap | None, rate: Quantity, stacks: Sequence[Stack]
+) -> tuple[Quantity, str | None]:
+    """cv and distribution of the rates of the pixels."""
+    cv = no_value("D_N", "non-uniformity of the dark current", "", SECTION)
+    coarse = next((stack.coarse for stack in stacks if stack.coarse), "")
+    if rates is None or not rate.low > 0 or coarse:
+        return unknown(cv, coarse or "dark current is not told from 0"), None
+    spread = rates.spread()["all"]
+    cv = replace(cv, value=spread[0], low=spread[1], high=spread[2], unit="DN/s").divided(
+        rate, ""
+    )
+    noise = math.sqrt(max(float(rates.image.var()) - spread[0] ** 2, 0.0))
+    if not spread[1] > 0 or spread[0] <= CLEAR * noise:
+        return cv, None
+    positive = np.sort(rates.image[rates.image > 0])
+    name = distributions_of(positive)[0].name
+    return cv, {
+        "normal": "gaussian",
+        "log-normal": "lognormal",
+        "inverse Gaussian": "wald",
+    }.get(name, name)
+
+
+def read_noise(dark: Dark, pixel: Quantity, gain: Quantity) -> Quantity:
+    """σ of a pixel alone without the shot noise of the dark current [DN]."""
+    if not math.isfinite(pixel.value):
+        return unknown(READ, pixel.note)
+    shot_dn2, error_dn2 = 0.0, 0.0
+    if dark.rate.known:
+        rate, seconds = dark.rate.quantity, dark.quiet.exposure_s
+        shot_dn2 = max(gain.value * rate.value * seconds, 0.0)
+        error_dn2 = gain.value * 0.5 * (rate.high - rate.low) * seconds
+    middle = pixel.value**2 - shot_dn2
+    down = math.hypot(pixel.value**2 - pixel.low**2, error_dn2)
+    up = math.hypot(pixel.high**2 - pixel.value**2, error_dn2)
+    value, low, high = (math.sqrt(max(v, 0.0)) for v in (middle, middle - down, middle + up))
+    return replace(READ, value=value, low=low, high=high, note=pixel.note)
+
+
+def frame_noise(stacks: Sequence[Stack]) -> Fitted:
+    """σ of the frames' means beyond what rows, columns and pixels leave in them, of all dark stacks together.
+
+    Between stacks the black level may drift: only what scatters within them counts.
+    """
+    freedom = sum(len(stack) - 1 for stack in stacks)
+    coarse = next((stack.coarse for stack in stacks if stack.coarse), "")
+    if coarse:
+        return Fitted(unknown(FRAME, coarse), frames_of(*stacks))
+    between = within = 0.0
+    for stack in stacks:
+        share = (len(stack) - 1) / freedom
+        between += share * float(stack.frame_means.var(ddof=1))
+        within += share * temporal_mean_squares(stack).variance_of_mean()
+    lines = freedom * (min(stacks[0].shape) - 1)
+    terms = [MeanSquare(between, freedom), -MeanSquare(within, max(lines, 1))]
+    value, low, high = root(terms)
+    figure = replace(FRAME, value=value, low=low, high=high)
+    if not low > 0:
+        figure = replace(figure, value=0.0).noted("not told from 0")
+    return Fitted(figure, frames_of(*stacks))
