@@ -127,16 +127,16 @@ def by_our_lab(series: Series) -> Figures:
     gain = found["K"]
     half = series.times_s[series.middle]
     stacks = [Stack(one, half, bits=bits) for one in (series.dark_stack, series.flat_stack)]
-    spatial = nonuniformity(*stacks).per_gain(gain)
-    current = dark_current(darks).per_gain(gain)
+    spatial = nonuniformity(*stacks)
+    current = dark_current(darks).from_mean.in_electrons(gain)
     return {
         "K": gain.value,
         "QE": found["η"].value,
         "σ_d": found["σ_d"].value,
-        "DSNU": spatial.dsnu.value,
+        "DSNU": spatial.dsnu.in_electrons(gain).value,
         "PRNU": spatial.prnu.value,
         "LE": found["LE"].value,
-        "dark current": current.from_mean.value,
+        "dark current": current.value,
         "saturation": found["µ_e.sat"].value,
     }
 

@@ -65,7 +65,6 @@ found = twin.figures()
 put_in = {
     "K": gain_dn_per_e(camera),
     "σ_read": camera.source_follower.read_noise_e,
-    "cv_read": camera.source_follower.read_noise_cv,
     "σ_row": camera.readout.row_noise_e,
     "PRNU_pixel": camera.pixel.prnu,
     "µ_I": camera.dark_current.rate_e_per_s,

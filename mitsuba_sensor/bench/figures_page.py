@@ -31,7 +31,6 @@ RATIOS_IN_DB, DECIBELS = ("SNR_max", "DR"), "dB"
 ROOTS = "σ_", "DSNU", "PRNU"
 """Figures that are roots of variances: beginnings of their symbols."""
 DIGITS_OF_INTERVAL, MOST_DECIMALS = 2, 6
-NO_UNIT = "1"  # the unit of a ratio, which a reader need not see
 MAIN_HEADINGS = "figure | measured | 95 % from | to | unit | datasheet"
 HEADINGS = "symbol | figure | measured | 95 % from | to | unit | datasheet | z | one chip from | to | section | note"
 OF_TABLE = (
@@ -46,12 +45,12 @@ def figures_of(
     bench: Bench, progress: Callable[[int, int, str], None]
 ) -> tuple[Measurement, ...]:
     """What all instruments find in the frames of a bench; told the instruments done, all of them, and the next one."""
-    titles, filters = [], len(bench.of_filters())
+    begun, total = 0, len(bench.of_filters()) * len(INSTRUMENTS)
 
     def begins(title: str) -> None:
-        if title.partition(": ")[0] not in titles or ": " not in title:
-            titles.append(title)
-        progress(len(titles) - 1, filters * INSTRUMENTS, f"measuring: {title}")
+        nonlocal begun
+        begun += ": " not in title
+        progress(begun - 1, total, f"measuring: {title}")
 
     return measure_bench(bench, begins)
 
@@ -169,7 +168,7 @@ def figure_row(figure: Quantity, datasheet: Mapping[str, Said], limit: float) ->
         figure.symbol,
         figure.name,
         *interval,
-        figure.unit.removeprefix(NO_UNIT),
+        figure.unit,
         *said,
         figure.section,
         figure.note,
@@ -261,7 +260,4 @@ def _outside_of_interval(
         if said is None or said.low == said.high or figure.covers(said.value):
             continue
         if figure.low <= said.high and figure.high >= said.low:
-            yield (
-                f"{symbol} ({said.low:.4g} to {said.high:.4g} {figure.unit.removeprefix(NO_UNIT)}".rstrip()
-                + ")"
-            )
+            yield (f"{symbol} ({said.low:.4g} to {said.high:.4g} {figure.unit}".rstrip() + ")")

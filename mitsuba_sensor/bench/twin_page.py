@@ -230,7 +230,7 @@ def figures_section(twin: Twin) -> Section:
                         f"{prefix}{name}",
                         quantity.name,
                         *interval,
-                        quantity.unit or "1",
+                        quantity.unit,
                         figure.frames,
                     ),
                 )
@@ -280,7 +280,7 @@ def distances_section(compared: Sequence[Compared]) -> Section:
     for name, figure in figures:
         real, mark = figure.real, "bad" if abs(figure.z) > most else "good"
         values = real.value, figure.twin.value
-        beside.append((mark, (name, real.symbol, *values, real.unit or "1", figure.z)))
+        beside.append((mark, (name, real.symbol, *values, real.unit, figure.z)))
     both = table("Figures of both", "stack | symbol | camera | twin | unit | z [1]", beside)
     return Section((text,), not failed, (shown, both), failed=tuple(failed))
 
@@ -288,7 +288,7 @@ def distances_section(compared: Sequence[Compared]) -> Section:
 def transfer_section(twin: Twin, residuals: Sequence[Mapping[str, float]]) -> Section:
     """The photon transfer curve, and the difference of the temporal variances."""
     name, response = next(iter(twin.base.responses.items()))
-    curve = Drawing(f"Photon transfer {name}".strip(), response.transfer.plot)
+    curve = Drawing(f"Photon transfer {name}".strip(), response.linear.photon_transfer.plot)
     if not residuals:
         return Section((), True, (curve,))
     most = z_limit(len(residuals))

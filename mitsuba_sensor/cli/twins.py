@@ -120,7 +120,6 @@ def _fitted(frames: str, asked: FitFlags, stem: str, progress: "Report") -> _Fit
     from ..bench.twin_page import twin_study
     from ..lab.twin import fit as fit_twin
     from ..lab.twin.fit import held_out
-    from ..lab.twin.maps import maps_of
 
     kept, held = held_out(_bench(frames, asked, progress))
     progress(0, 1, "fitting")
@@ -128,9 +127,9 @@ def _fitted(frames: str, asked: FitFlags, stem: str, progress: "Report") -> _Fit
     camera = _camera(twin.tables(_like(asked)), stem)
     benches = kept.at_gain(twin.base.name), held.at_gain(twin.base.name)
     study = twin_study(twin, camera, benches, progress, frames=frames, **how_made())
-    maps = {f"{stem}.npz": maps_of(twin.base)}
+    maps = {f"{stem}.npz": twin.maps}
     for setting in twin.settings[1:]:
-        maps[f"{stem}{_mark(setting.name)}.npz"] = maps_of(setting)
+        maps[f"{stem}{_mark(setting.name)}.npz"] = setting.maps
     return _Fitted(camera, study, maps)
 
 

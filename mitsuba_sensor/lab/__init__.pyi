@@ -13,6 +13,8 @@ from .measure.image_quality.dead_leaves import dead_leaves as dead_leaves
 from .measure.image_quality.siemens_star import siemens_star as siemens_star
 from .measure.image_quality.slanted_edge import slanted_edge as slanted_edge
 from .measure.image_quality.step_chart import step_chart as step_chart
+from .measure.measurement import INSTRUMENTS as INSTRUMENTS
+from .measure.measurement import Instrument as Instrument
 from .measure.measurement import measure_bench as measure_bench
 from .measure.noise_distance import noise_divergence as noise_divergence
 from .quantity import Quantity as Quantity

@@ -14,6 +14,9 @@ from ..core import InputError, numbers
 LEVEL = 0.95
 """Coverage of every interval in this package."""
 
+IN_DECIBELS = "DR", "SNR_max"
+"""Ratios that EMVA 1288 R4 prints in dB, too."""
+
 TWO_SIDED = NormalDist().inv_cdf((1 + LEVEL) / 2)
 """Half the interval of a normal value [standard errors]: 1.96."""
 
@@ -29,6 +32,7 @@ class Quantity:
 
     symbol, name : those of EMVA 1288 R4 or of the source (``K``, ``overall system gain``).
     value, low, high : in ``unit``, low and high the ends of the 95 % interval; NaN where nothing could be measured.
+        A bound has low and high, but no value.
     section : where the definition stands (``EMVA 1288 R4 6.6``).
     note : what restricts the value (quantisation, too few frames, saturation), or nothing.
     clipped : whether there is no value because values of the frames are clipped.
@@ -51,15 +55,24 @@ class Quantity:
             )
 
     def __str__(self) -> str:
-        """``K = 0.1241 DN/e- (0.1239 to 0.1243; EMVA 1288 R4 6.6)``."""
-        value = f"{self.value:.4g} {self.unit}".rstrip()
+        """``K = 0.1241 DN/e- (0.1239 to 0.1243; EMVA 1288 R4 6.6)``, or ``σ_d < 3.2 e- (…)`` for a bound."""
         remarks = "; ".join(filter(None, (self.section, self.note)))
+        if self.is_bound:
+            return f"{self.symbol} < {self.high:.4g} {self.unit}".rstrip() + f" ({remarks})"
+        value = f"{self.value:.4g} {self.unit}".rstrip()
+        if self.symbol in IN_DECIBELS and self.value > 0 and not self.unit:
+            value += f" = {20 * math.log10(self.value):.1f} dB"
         return f"{self.symbol} = {value} ({self.low:.4g} to {self.high:.4g}; {remarks})"
 
     @property
     def standard_error(self) -> float:
         """Standard error of a normal value that has this interval."""
         return (self.high - self.low) / (2 * TWO_SIDED)
+
+    @property
+    def is_bound(self) -> bool:
+        """Whether only an upper bound is known."""
+        return math.isnan(self.value) and math.isfinite(self.high)
 
     def covers(self, value: float) -> bool:
         """Whether the interval contains this value. Raises InputError for what is no number."""
@@ -77,6 +90,13 @@ class Quantity:
         if not self.note:
             return replace(self, note=note)
         return replace(self, note=f"{self.note}; {note}")
+
+    def with_width(self) -> Self:
+        """This quantity, without a value where its interval has no width: no measurement is exact."""
+        if not self.low == self.value == self.high:
+            return self
+        nothing = replace(self, value=math.nan, low=math.nan, high=math.nan)
+        return nothing.noted(f"the values do not scatter about {self.value:.4g}")
 
     def extended(self, other: Self) -> Self:
         """This quantity with an interval that holds that of another one too, if that has a value."""
@@ -117,6 +137,14 @@ class Quantity:
             high=high / by.value,
             unit=unit,
         )
+
+    def in_electrons(self, gain: Self | float) -> Self:
+        """A figure in DN, DN/s or DN²/s divided by K [DN/e-], or by its square; others as they are."""
+        power, _, per = self.unit.partition("/")
+        unit = f"e-/{per}" if per else "e-"
+        if power == "DN²":
+            return self.divided(gain, "DN/e-").divided(gain, unit)
+        return self.divided(gain, unit) if power == "DN" else self
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
@@ -165,6 +193,11 @@ def unknown(like: Quantity, note: str) -> Quantity:
     return replace(like, value=math.nan, low=math.nan, high=math.nan, note=note)
 
 
+def upper_bound(like: Quantity, high: float, note: str) -> Quantity:
+    """A quantity like this one of which only a bound is known, and the reason in its note."""
+    return replace(like, value=math.nan, low=0.0, high=high, note=note)
+
+
 def hidden_by_clipping(like: Quantity, note: str) -> Quantity:
     """A quantity like this one without a value, because values of the frames are clipped; the note says which."""
     return replace(unknown(like, note), clipped=True)
@@ -174,7 +207,10 @@ def quotient(above: Quantity, below: Quantity, like: Quantity) -> Quantity:
     """above / below, with the other fields of ``like`` and the notes of all three; unknown if one is not positive."""
     sentences = [part for one in (like, above, below) for part in one.note.split("; ")]
     notes = "; ".join(filter(None, dict.fromkeys(sentences)))
-    if not (above.value > 0 and below.low > 0):
+    if above.is_bound and below.value > 0 and below.low > 0:
+        low, high = above.low / below.high, above.high / below.low
+        return replace(like, value=math.nan, low=low, high=high, note=notes)
+    if not (above.value > 0 and below.value > 0 and below.low > 0):
         nothing = unknown(like, notes or f"{above.symbol} or {below.symbol} is not known")
         return replace(nothing, clipped=above.clipped or below.clipped)
     ratio = above.divided(below, like.unit)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from functools import partial
 
-from mitsuba_sensor.lab.statistics.families import FAMILIES
 from mitsuba_sensor.pages.page import MarkedRow, Section, Study, study_of, table
 from mitsuba_sensor.study.kit import Kit, Step
 
@@ -23,7 +22,6 @@ RECORDS: tuple[type, ...] = (
     pattern.MeasuredPrnu,
     pattern.Whiteness,
     dark.Rate,
-    *map(type, FAMILIES.values()),
 )
 """Classes that its measurements consist of."""
 

@@ -78,7 +78,6 @@ def test_no_frames_give_a_number_without_a_mark_or_an_error_without_a_sentence(
     shape: tuple[int, int, int], kind: str
 ) -> None:
     dark, light = stack(shape, 100, 2, kind), stack(shape, 1500, 10, kind)
-    mixture = {"families": (), "superimposed": (("normal", "uniform", "normal"),)}
     longer = [stack(shape, 100 + 100 * t, 2, kind, t) for t in (0.3, 0.5)]
     instruments: list[Callable[[], Any]] = [
         *(
@@ -87,7 +86,6 @@ def test_no_frames_give_a_number_without_a_mark_or_an_error_without_a_sentence(
         ),
         *(lambda one=one: one(dark) for one in (correlation, defects)),
         *(lambda one=one: one(dark, light) for one in (nonuniformity, defects)),
-        lambda: dark_signal(dark, **mixture),  # type: ignore[arg-type]
         lambda: dark_current([dark, *longer]),
     ]
     with warnings.catch_warnings():

@@ -48,7 +48,8 @@ def test_every_figure_of_the_datasheet_is_measured_within_4_standard_errors(
     asked: list[tuple[int, int]] = []
     (found,) = figures_of(small, lambda done, total, now: asked.append((done, total)))
     assert (
-        list(dict.fromkeys(asked)) == [(number, INSTRUMENTS) for number in range(INSTRUMENTS)]
+        list(dict.fromkeys(asked))
+        == [(number, len(INSTRUMENTS)) for number in range(len(INSTRUMENTS))]
         and not found.refused
     )
     sheet = expected(CAMERA, ms.Exposure(FLAT_S), 0.6, 128 * 160)
@@ -226,7 +227,8 @@ def test_several_gain_settings_are_measured_one_at_a_time(small: Bench) -> None:
 def test_what_frames_cannot_show_is_said_and_not_made_up(small: Bench) -> None:
     (only_flats,) = measure_bench(Bench((), (), small.flats))
     assert (
-        "K" not in only_flats.figures and "take some" in only_flats.refused["photon transfer"]
+        "K" not in only_flats.figures
+        and "2 frames or more" in only_flats.refused["photon transfer"]
     )
     (black,) = measure_bench(Bench((), small.darks[:1], ()))
     assert "K" not in black.figures and all(

@@ -6,7 +6,6 @@ from typing import Any
 
 import chart_cases
 import colour
-import matplotlib.figure
 import numpy as np
 import pytest
 from chart_cases import in_patches, patch_regions
@@ -97,12 +96,6 @@ def test_colour_charts_cover_what_they_were_made_with() -> None:
     """15 cameras, 3 figures of each: fewer than 80 % once in 1000 tests."""
     shares = [share for share, _ in coverage(chart_cases.colour_case, 15).values()]
     assert 0.8 < np.mean(shares) <= 1
-
-
-def test_the_chart_draws_itself() -> None:
-    chart = chart_of(XYZ @ OBSERVER.T)
-    chart.plot(matplotlib.figure.Figure().subplots())
-    assert len(chart.quantities) == 4
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import matplotlib.figure
 import numpy as np
 import pytest
 from chart_cases import contrast_case, flicker_case, normal_share
@@ -98,14 +97,6 @@ def test_shares_cover_what_they_were_made_with(case: Callable[..., Any]) -> None
     """40 cases, 3 figures of each: fewer than 84 % once in 1000 tests."""
     shares = [share for share, _ in coverage(case, 40).values()]
     assert 0.84 < np.mean(shares) <= 1
-
-
-def test_both_draw_themselves() -> None:
-    axes = matplotlib.figure.Figure().subplots(2)
-    contrast_detection(RNG.normal(2, 0.1, (8, 8)), RNG.normal(1, 0.1, (8, 8)), 1.0).plot(
-        axes[0]
-    )
-    flicker(still(np.arange(1.0, 9.0))).plot(axes[1])
 
 
 @pytest.mark.parametrize(

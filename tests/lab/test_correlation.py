@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import matplotlib.figure
 import numpy as np
 import pytest
 
@@ -79,9 +78,3 @@ def test_what_has_no_correlation_says_why() -> None:
         correlation(Stack(rng.normal(size=(9, 4, 4)), 0.1), lags=0)
     with pytest.raises(ms.InputError, match=r"Stack\.of_filters"):
         correlation(Stack(rng.normal(size=(9, 4, 4)), 0.1, tile=(("R", "G"), ("G", "B"))))
-
-
-def test_the_plot_has_the_lags() -> None:
-    axes = matplotlib.figure.Figure().subplots()
-    correlation(Stack(np.random.default_rng(5).normal(size=(12, 9, 9)), 0.1), lags=4).plot(axes)
-    assert axes.get_xlabel() == "lag [frames]" and axes.get_ylabel()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import charts
-import matplotlib.figure
 import numpy as np
 import pytest
 from chart_cases import leaves_case
@@ -72,12 +71,6 @@ def test_leaves_cover_what_they_were_made_with() -> None:
     """6 charts, 6 figures of each: fewer than 70 % once in 1000 tests."""
     shares = [share for share, _ in coverage(leaves_case, 6).values()]
     assert 0.7 < np.mean(shares) <= 1
-
-
-def test_the_leaves_draw_themselves() -> None:
-    leaves = dead_leaves(CHART, CHART)
-    leaves.plot(matplotlib.figure.Figure().subplots())
-    assert len(leaves.quantities) == 2
 
 
 @pytest.mark.parametrize(

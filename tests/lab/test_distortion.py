@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import matplotlib.figure
 import numpy as np
 import pytest
 from chart_cases import distortion_case
@@ -57,12 +56,6 @@ def test_lenses_cover_what_they_were_made_with() -> None:
     """20 lenses, 5 figures of each: fewer than 82 % once in 1000 tests."""
     shares = [share for share, _ in coverage(distortion_case, 20).values()]
     assert 0.82 < np.mean(shares) <= 1
-
-
-def test_the_lens_draws_itself() -> None:
-    measured = distortion(points(-0.1, 0.0), GRID, SHAPE)
-    measured.plot(matplotlib.figure.Figure().subplots())
-    assert len(measured.quantities) == 4
 
 
 def test_points_that_do_not_belong_together_are_refused() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import matplotlib.figure
 import numpy as np
 import pytest
 from chart_cases import flat_case
@@ -36,12 +35,6 @@ def test_flat_fields_cover_what_they_were_made_with() -> None:
     """12 cameras, 2 figures of each: fewer than 70 % once in 1000 tests."""
     shares = [share for share, _ in coverage(flat_case, 12).values()]
     assert 0.7 < np.mean(shares) <= 1
-
-
-def test_the_field_draws_itself() -> None:
-    measured = flat_field(np.repeat(falling(0.2)[..., None], 3, axis=2))
-    measured.plot(matplotlib.figure.Figure().subplots())
-    assert len(measured.quantities) == 5
 
 
 @pytest.mark.parametrize(

@@ -70,15 +70,6 @@ def test_no_level_of_light_that_scatters_or_of_a_curved_response_is_off() -> Non
         assert not stray_levels(light, signal, np.full(25, 0.1))
 
 
-def test_one_level_at_an_end_is_found_and_its_neighbour_is_not() -> None:
-    light = np.linspace(0.05, 0.7, 20)
-    rng = np.random.default_rng(4)
-    for number in (0, 1, 18, 19):
-        signal = 3000 * light + 0.3 * rng.normal(size=20)
-        signal[number] *= 1.06
-        assert list(stray_levels(light, signal, np.full(20, 0.3))) == [number]
-
-
 def test_photons_per_square_micrometre_are_refused_with_the_likely_unit() -> None:
     """η would be 0.6·A for pixels of A µm²: 29.4 of 7 µm pixels; electrons are still those of the signal over K."""
     darks, flats = CAMERA.bench(np.random.default_rng(5), 2, (48, 48), 20)

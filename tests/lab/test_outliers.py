@@ -11,7 +11,7 @@ from mitsuba_sensor.lab.measure.nonuniformity import nonuniformity
 from mitsuba_sensor.lab.measure.profiles import profiles
 from mitsuba_sensor.lab.measure.spectrogram import spectrograms
 from mitsuba_sensor.lab.statistics.outliers import fill, outliers
-from mitsuba_sensor.lab.twin.combined_map import CombinedMap
+from mitsuba_sensor.lab.twin.maps import CombinedMap
 
 DSNU, PRNU = Sigmas(0.5, 1.0, 2.0), Sigmas(0.1, 0.2, 0.5)
 SHAPE = 160, 250

@@ -169,11 +169,6 @@ def test_wells_that_are_full_below_the_largest_code_are_left_out() -> None:
     assert np.isnan(known.dolp[0, 1]) and known.dolp[0, 0] == naive.dolp[0, 0]
 
 
-def test_what_is_no_stack_is_refused() -> None:
-    with pytest.raises(ms.InputError, match=r"stack is a ndarray; pass ms\.lab\.Stack"):
-        polarization(np.zeros((8, 8)), ANGLES_DEG)  # type: ignore[arg-type]
-
-
 @pytest.mark.parametrize(
     ("shape", "black_dn", "says"),
     [

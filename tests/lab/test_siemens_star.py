@@ -6,7 +6,6 @@ from typing import Any
 
 import chart_cases
 import charts
-import matplotlib.figure
 import numpy as np
 import pytest
 from image_quality_coverage import coverage
@@ -79,12 +78,6 @@ def test_stars_cover_what_they_were_made_with() -> None:
     """8 stars, 5 figures of each: fewer than 75 % once in 1000 tests."""
     shares = [share for share, _ in coverage(chart_cases.star_case, 8).values()]
     assert 0.75 < np.mean(shares) <= 1
-
-
-def test_the_star_draws_itself() -> None:
-    star = siemens_star(charts.siemens_star(200, 36, 0.8), 36)
-    star.plot(matplotlib.figure.Figure().subplots())
-    assert len(star.quantities) == 2
 
 
 @pytest.mark.parametrize(

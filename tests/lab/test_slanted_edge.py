@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import charts
-import matplotlib.figure
 import numpy as np
 import pytest
 from helpers.marks import exhaustive, one_in
@@ -112,15 +111,6 @@ def test_93_to_97_percent_of_the_intervals_of_edges_hold() -> None:
     """200 edges; benchmarks/image_quality_coverage.py has 400. Standard error of each share 1.5 %."""
     for name, (share, _) in coverage(edge_case, 200, seed=2).items():
         assert 0.905 < share < 0.99, name
-
-
-def test_the_curve_draws_itself() -> None:
-    axes = matplotlib.figure.Figure().subplots()
-    measured = slanted_edge(charts.slanted_edge(SHAPE, 5))
-    measured.plot(axes)
-    assert axes.get_ylabel() == "modulation"
-    assert measured.spread[0] == pytest.approx(0.1, abs=1e-3)
-    assert [quantity.symbol for quantity in measured.quantities] == ["MTF50", "MTF(0.5)"]
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import matplotlib.figure
 import numpy as np
 import pytest
 from image_quality_coverage import coverage, step_case
@@ -135,14 +134,6 @@ def test_a_sensor_that_never_has_the_ratio_has_no_speed() -> None:
     chart = step_chart(stack, REGIONS, STEPS, black_dn=100.0)
     assert math.isnan(chart.noise_speed_40.value) and "no exposure" in chart.noise_speed_40.note
     assert chart.noise_speed_10.value > 0
-
-
-def test_the_chart_draws_itself() -> None:
-    axes = matplotlib.figure.Figure().subplots(2)
-    chart = noiseless(3000 * STEPS)
-    chart.plot(axes[0])
-    chart.plot_snr(axes[1])
-    assert len(chart.quantities) == 6 and len(chart.snr) == STEPS.size
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ DRAWN = (
     "Photon transfer, logarithmic",
     "Signal-to-noise ratio, logarithmic",
     "Linearity",
-    "Photo response non-uniformity",
+    "Non-uniformity",
     "Spectrogram, horizontal, half saturation",
     "Dark current",
 )

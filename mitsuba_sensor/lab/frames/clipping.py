@@ -27,6 +27,10 @@ FEWEST_PILED = 20.0
 """Values at one end of the range up to which none is said to be clipped there, but at 0 and at the largest code."""
 MOST_VALUES = 2**14
 """Values of a frame that show the distance of two codes."""
+MOST_ROUNDING = 0.2
+"""Share of a figure's variance, at most, that rounding may have: a tenth of the standard deviation."""
+LEAST_DN = 1e-3
+"""Rounding that adds less than this is no reason for a figure without a value [DN]."""
 OFTEN = 0.05
 """Share of the pixels at the smallest code that jump from there: of unclipped noise of 1 DN, one in a hundred."""
 
@@ -193,6 +197,37 @@ def mark_clipped_sigma(figure: Quantity, *stacks: Stack) -> Quantity:
     hidden = sum(stack.clipping.share for stack in stacks)
     wider = replace(figure, low=figure.low * (1 - hidden), high=figure.high * (1 + hidden))
     return mark_clipped(wider, *stacks)
+
+
+def mark_temporal_sigma(figure: Quantity, *stacks: Stack) -> Quantity:
+    """A standard deviation of temporal noise [DN] marked as by mark_clipped_sigma, and with what rounding hides."""
+    figure = mark_rounding(mark_clipped_sigma(figure, *stacks), *stacks)
+    return mark_coarse(figure, *stacks)
+
+
+def mark_coarse(figure: Quantity, *stacks: Stack) -> Quantity:
+    """A temporal figure of these stacks: without a value, and with the reason, where rounding hides the noise."""
+    for stack in stacks:
+        if stack.coarse:
+            figure = replace(figure, value=math.nan, low=math.nan, high=math.nan)
+        figure = figure.noted(stack.temporal_note)
+    return figure
+
+
+def mark_rounding(figure: Quantity, *stacks: Stack, per_dn: float = 1.0) -> Quantity:
+    """A standard deviation with what rounding may add to it or take from it; without a value where that is too much.
+
+    per_dn : the figure's unit over DN.
+    """
+    shift = sum(stack.rounding_shift_dn for stack in stacks)
+    hidden = shift * (shift + 2 * figure.high / per_dn) * per_dn**2
+    if not shift or not math.isfinite(hidden):
+        return figure
+    if hidden > MOST_ROUNDING * figure.high**2 and shift > LEAST_DN:
+        nothing = replace(figure, value=math.nan, low=math.nan, high=math.nan)
+        return nothing.noted(f"not measurable: rounding may add or hide {shift:.2g} DN")
+    low = math.sqrt(max(figure.low**2 - hidden, 0.0))
+    return replace(figure, low=low, high=math.sqrt(figure.high**2 + hidden))
 
 
 def note_left_out(clipped: str) -> str:

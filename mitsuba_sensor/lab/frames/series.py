@@ -14,15 +14,11 @@ from ...core import InputError
 from ...core.types import Float64Array
 from .clipping import MOST_VALUES
 from .notes import merged
-from .rounding import ROUNDING_DN2, has_whole_codes
-from .stack import Stack
+from .stack import Stack, centre, coarse_note, rounding_error_dn2
 from .temporal import flicker_note, temporal, temporal_within_rows
 
 Report = Callable[[int, int], object]
 """Told how many of all stacks are measured."""
-COARSE_DN2 = 0.5
-"""Variance [DN²] of a normal law below which rounding adds another variance than 1/12, by more than 0.1 % of it: by as
-much as (4σ² + 1/π²) exp(-2π²σ²) where all pixels have one mean."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +29,7 @@ class Level:
     spread : standard deviation of the pixels' true means [DN], dark ones included.
     clipped : why the values show neither mean nor variance; nothing where they are inside of the range. The standard
     errors hold what a share of clipped values that is too small for that hides.
+    coarse : why rounding hides the temporal noise, or nothing.
     source : the file or folder.
     """
 
@@ -47,6 +44,7 @@ class Level:
     photons: float | None
     notes: tuple[str, ...]
     clipped: str = ""
+    coarse: str = ""
     source: str = ""
 
 
@@ -82,6 +80,7 @@ def measure_level(stack: Stack, lit: bool = False) -> Level:
         photons=_photons_of_flat(stack),
         notes=notes,
         clipped=clipped,
+        coarse=coarse_note(variance) if stack.whole_codes else "",
         source=stack.source,
     )
 
@@ -174,13 +173,18 @@ class Series:
 
     @cached_property
     def dark_variance_error(self) -> Float64Array:
-        """Standard error of the variance of each flat's dark [DN²].
+        """Standard error of the variance of each flat's dark, with what rounding may add to it [DN²]."""
+        rounding = [
+            rounding_error_dn2(dark.variance) if self.whole else 0.0 for dark in self.darks
+        ]
+        return np.asarray(
+            np.hypot(self.of_darks("variance_error"), np.array(rounding)[self.dark_of])
+        )
 
-        Where the dark noise is rounded coarsely, it includes what rounding may add or not.
-        """
-        variance, error = self.of_darks("variance"), self.of_darks("variance_error")
-        coarse = self.whole & (variance < COARSE_DN2 + ROUNDING_DN2)
-        return np.asarray(np.hypot(error, np.where(coarse, ROUNDING_DN2, 0.0)))
+    @cached_property
+    def coarse(self) -> NDArray[np.bool_]:
+        """Which flats have temporal noise that rounding hides, (n,)."""
+        return np.array([bool(flat.coarse) for flat in self.flats])
 
 
 def series(
@@ -220,7 +224,7 @@ def series(
     notes += [dark.clipped for dark in dark_levels if dark.clipped]
     notes += _note_far_darks(levels, times)
     notes += coarse_codes(darks)
-    whole = all(has_whole_codes(stack) for stack in (*darks, *flats))
+    whole = all(stack.whole_codes for stack in (*darks, *flats))
     if not whole:
         notes.append("the frames have fractions of codes: no rounding was subtracted")
     bits = flats[0].bits
@@ -276,17 +280,6 @@ def coarse_codes(darks: Sequence[Stack]) -> list[str]:
     return [
         f"dark codes differ by multiples of {step}: divide the frames by {step}, or rounding counts as noise"
     ]
-
-
-def centre(stack: Stack, side: int) -> Stack:
-    """So many rows and columns about the centre of the frames, at most as many as there are."""
-    rows, columns = (_central_slice(size, side) for size in stack.shape)
-    return stack.window(rows, columns)
-
-
-def _central_slice(size: int, side: int) -> slice:
-    begin = max(0, (size - side) // 2)
-    return slice(begin, begin + min(size, side))
 
 
 def _check_stacks(stacks: Sequence[Stack]) -> None:

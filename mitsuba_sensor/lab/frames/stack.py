@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,6 +21,47 @@ from .clipping import Clipping
 MOST_BITS = 32
 STRIP_VALUES = 2**17
 """Values that are float64 at once: 1 MiB, which the caches of a processor hold, whatever the size of the stack."""
+ROUNDING_DN2 = 1 / 12
+"""Variance of rounding to whole codes, EMVA 1288 R4 2.2."""
+COARSE_DN2 = 0.24
+"""Temporal variance below which rounding hides temporal noise: EMVA 1288 R4 2.2 gives bounds instead of figures."""
+ONE_FRAME = "one frame: temporal noise is not told from spatial, pass at least 2"
+
+
+def coarse_note(variance_dn2: float) -> str:
+    """Why frames of whole codes show no temporal figure, or nothing.  variance_dn2 : σ_y² [DN²]."""
+    if not variance_dn2 < COARSE_DN2:
+        return ""
+    return (
+        f"not measurable: the temporal variance is {variance_dn2:.2g} DN², and below {COARSE_DN2} DN² rounding hides "
+        "the noise (EMVA 1288 R4 2.2); use a higher gain"
+    )
+
+
+def rounding_shift_dn(variance_dn2: float) -> float:
+    """Standard deviation of what rounding may add to a mean of whole codes with this variance [DN].
+
+    It is 1/√12 DN without noise and decreases as exp(−2π²σ²) (Widrow and Kollár 2008).
+    """
+    return math.exp(-2 * math.pi**2 * _least_dn2(variance_dn2)) * math.sqrt(ROUNDING_DN2)
+
+
+def rounding_error_dn2(variance_dn2: float) -> float:
+    """By how much the variance of rounding may differ from 1/12 DN² at this variance of the codes [DN²]."""
+    least_dn2 = np.array(_least_dn2(variance_dn2))
+    return min(ROUNDING_DN2, float(_rounding_error(least_dn2)))
+
+
+def _least_dn2(variance_dn2: float) -> float:
+    """The smallest σ² that has this variance of the codes, at the least favourable place between two codes."""
+    sigma_dn2 = np.linspace(0.0, 1.5, 301)
+    most = sigma_dn2 + ROUNDING_DN2 + _rounding_error(sigma_dn2)
+    return float(np.interp(variance_dn2, most, sigma_dn2))
+
+
+def _rounding_error(sigma_dn2: Float64Array) -> Float64Array:
+    """Largest difference from 1/12 DN² for normal noise, if the means of all pixels are equal [DN²]."""
+    return np.asarray((4 * sigma_dn2 + math.pi**-2) * np.exp(-2 * math.pi**2 * sigma_dn2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,6 +158,33 @@ class Stack:
         return variance
 
     @cached_property
+    def whole_codes(self) -> bool:
+        """Whether no value of the frames has a fraction."""
+        if self.frames.dtype.kind in "ui":
+            return True
+        return bool((self.frames == np.round(self.frames)).all())
+
+    @cached_property
+    def coarse(self) -> str:
+        """Why rounding hides the temporal noise of these frames, or nothing."""
+        if len(self) == 1 or not self.whole_codes:
+            return ""
+        return coarse_note(float(self.variance.mean()))
+
+    @property
+    def temporal_note(self) -> str:
+        """Why the temporal noise of these frames is not known, or nothing."""
+        return ONE_FRAME if len(self) == 1 else self.coarse
+
+    @cached_property
+    def rounding_shift_dn(self) -> float:
+        """Standard deviation of the pattern that rounding adds to pixels and lines [DN]; 0 if that is not known."""
+        if len(self) == 1 or not self.whole_codes:
+            return 0.0
+        sigma_dn2 = max(float(self.variance.mean()) - ROUNDING_DN2, 0.0)
+        return math.exp(-2 * math.pi**2 * sigma_dn2) * math.sqrt(ROUNDING_DN2)
+
+    @cached_property
     def clipping(self) -> Clipping:
         """Shares of the values at the ends of the range."""
         return Clipping.measure(self.frames, self.bits)
@@ -179,3 +248,14 @@ class Stack:
                 )
                 stacks[key] = replace(self.window(rows, columns), tile=())
         return stacks
+
+
+def centre(stack: Stack, side: int) -> Stack:
+    """So many rows and columns about the centre of the frames, at most as many as there are."""
+    rows, columns = (_central_slice(size, side) for size in stack.shape)
+    return stack.window(rows, columns)
+
+
+def _central_slice(size: int, side: int) -> slice:
+    begin = max(0, (size - side) // 2)
+    return slice(begin, begin + min(size, side))

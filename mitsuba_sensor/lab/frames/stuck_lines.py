@@ -1,4 +1,4 @@
-"""Rows and columns without a response to light, which clip every stack: left out of a bench or filled, and named."""
+"""Rows and columns without a response to light, which clip every stack: filled by their neighbours, and named."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from .bench import Bench
 from .stack import Stack
 
 LEAST_RESPONSE, LARGEST_RESPONSE = 0.5, 1.5
-"""Response of a line over that of the middle one, outside of which it is left out."""
+"""Response of a line over that of the middle one, outside of which it is filled."""
 REASON = "without the response of light of the others"
+FRAMES = 9
+"""Frames whose median shows dead and stuck lines."""
 MOST_SHARE = 0.02
 """Share of the rows, or of the columns, up to which they are defects; more are uneven light."""
 
@@ -35,25 +37,9 @@ class StuckLines(NamedTuple):
         return " and ".join(texts)
 
 
-def without_stuck_lines(bench: Bench) -> tuple[Bench, str]:
-    """A bench of one filter without its dead and stuck rows and columns, and a note which these are, or nothing."""
-    found = _find(bench)
-    if not found.text:
-        return bench, ""
-
-    def keep(stacks: Sequence[Stack]) -> list[Stack]:
-        return [_without(stack, *found) for stack in stacks]
-
-    return bench.change(keep), f"{REASON}, and left out: {found.text}"
-
-
 def with_lines_filled(bench: Bench) -> tuple[Bench, str]:
-    """A bench whose dead and stuck rows and columns have the values of the nearest others of their filter, and a note.
-
-    The maps of a twin have the size of the sensor.
-    """
-    rows: set[int] = set()
-    columns: set[int] = set()
+    """A bench whose dead and stuck lines have the values of the nearest others of their filter, and a note."""
+    rows, columns = set[int](), set[int]()
     tile = bench.stacks[0].tile or (("",),)
     height, width = len(tile), len(tile[0])
     for number, part in enumerate(bench.of_filters().values()):
@@ -99,13 +85,13 @@ def _find(bench: Bench) -> StuckLines:
     nothing = StuckLines(np.empty(0, np.intp), np.empty(0, np.intp))
     if not darks or not bench.flats:
         return nothing
-    dark = np.median(darks[0].frames, axis=0)
+    dark = np.median(darks[0].frames[:FRAMES], axis=0)
     levels = [float(np.median(flat.frames[0])) for flat in bench.flats]
     half = 0.5 * (max(levels) + float(np.median(dark)))
     flat = bench.flats[int(np.argmin(np.abs(np.array(levels) - half)))]
     if flat.shape != darks[0].shape or not flat.mean.size:
         return nothing
-    signal = np.median(flat.frames, axis=0) - dark
+    signal = np.median(flat.frames[:FRAMES], axis=0) - dark
     rows, columns = (_stuck(np.median(signal, axis=axis)) for axis in (1, 0))
     return StuckLines(rows, columns)
 
@@ -120,12 +106,3 @@ def _stuck(responses: np.ndarray) -> np.ndarray:
     if len(numbers) > max(1.0, MOST_SHARE * len(responses)):
         return np.empty(0, np.intp)
     return numbers
-
-
-def _without(stack: Stack, rows: np.ndarray, columns: np.ndarray) -> Stack:
-    """A stack without some rows and columns; a copy."""
-    frames = np.delete(np.delete(stack.frames, rows, axis=1), columns, axis=2)
-    photons = stack.photons
-    if isinstance(photons, np.ndarray):
-        photons = np.delete(np.delete(photons, rows, axis=0), columns, axis=1)
-    return replace(stack, frames=frames, photons=photons)

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from ...core import InputError
 from ...core.types import Float64Array
-from .stack import Stack
+from .stack import Stack, centre
 
 FEWEST_PIXELS = 16
 GROUP_PIXELS, MOST_GROUPS, WIDTH = 64, 100, 3.0
 MOST_SORTED = 2**16
 """Pixels whose means are sorted to find where groups of equally bright ones end."""
+CORRELATED = 256
+"""Rows and columns of the centre in which the noise of neighbours is compared."""
 DRIFT_FALSE_ALARM = 1e-4
 """Share of the stacks without drift in which drift is reported."""
 FLICKER_SIGMAS, FLICKER_ROWS = 3.72, 4
@@ -97,6 +99,15 @@ def flicker_dn(stack: Stack) -> float:
     shared = float(np.sum(rows[:, :-FLICKER_ROWS] * rows[:, FLICKER_ROWS:])) / pairs
     variance = float(np.sum(rows**2)) / (frames - 1) / count
     return math.sqrt(shared) if shared * math.sqrt(pairs) > FLICKER_SIGMAS * variance else 0.0
+
+
+def neighbour_correlation(stack: Stack) -> float:
+    """Correlation of the temporal noise of horizontal neighbours, without what rows, columns and frames share."""
+    some = centre(stack, CORRELATED)
+    rest = some.frames[1].astype(np.float64) - some.frames[0]
+    rest -= rest.mean(axis=1, keepdims=True)
+    rest -= rest.mean(axis=0, keepdims=True)
+    return float((rest[:, 1:] * rest[:, :-1]).mean() / max(np.square(rest).mean(), 1e-300))
 
 
 def flicker_note(stack: Stack, removed: str) -> str:

@@ -9,8 +9,7 @@ import numpy as np
 
 from ...core import InputError
 from ...core.types import Float64Array
-from ..frames.clipping import mark_clipped
-from ..frames.rounding import temporal_note
+from ..frames.clipping import mark_clipped, mark_coarse
 from ..frames.stack import Stack
 from ..quantity import Quantity, no_value, student_interval
 from ..statistics.estimators import standard_error
@@ -68,14 +67,15 @@ def correlation(stack: Stack, lags: int = 8) -> Correlation:
     by_side = np.full((2, frames), np.nan)
     if frames > 2 and clipping.usable:
         by_lag, by_side = _mean_products(stack, most)
-    note = temporal_note(stack)
+    note = ""
     if clipping.note:
         note = clipping.note
     elif frames < 3:
         note = "fewer than 3 frames"
 
     def coefficient(symbol: str, what: str, values: Float64Array) -> Quantity:
-        return mark_clipped(_mean_with_interval(symbol, what, values), stack).noted(note)
+        figure = mark_clipped(_mean_with_interval(symbol, what, values), stack)
+        return mark_coarse(figure, stack).noted(note)
 
     temporal: list[Quantity] = []
     for lag, values in enumerate(by_lag, start=1):

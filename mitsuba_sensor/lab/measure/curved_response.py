@@ -17,8 +17,8 @@ from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 from ...core.types import Float64Array
-from ..frames.rounding import shift_of_mean_dn
 from ..frames.series import Level, Series
+from ..frames.stack import rounding_shift_dn
 from ..quantity import TWO_SIDED, normal_interval, student_interval
 from .photon_transfer import PhotonTransfer, photon_transfer
 from .radiometric import find_stray
@@ -210,7 +210,7 @@ def _shift_by_rounding(measured: Series, of: Callable[[str], Float64Array]) -> F
     total_dn2 = of("variance") + of("spread") ** 2
     if not measured.whole:
         return np.zeros_like(total_dn2)
-    return np.array([shift_of_mean_dn(float(x)) for x in total_dn2])
+    return np.array([rounding_shift_dn(float(x)) for x in total_dn2])
 
 
 def straighten(measured: Series, curve: Curve, scaled: float = 0.0) -> Series:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,8 +13,7 @@ import scipy
 from ...core import InputError
 from ...core.types import Float64Array
 from ..frames.clipping import ClippedError
-from ..frames.rounding import temporal_note
-from ..frames.stack import Stack
+from ..frames.stack import Stack, rounding_shift_dn
 from ..quantity import LEVEL, Quantity, no_value
 from ..statistics.line_fits import StraightLine, straight_line
 from ..statistics.mean_squares import MeanSquares, temporal_mean_squares
@@ -34,8 +33,8 @@ BOLTZMANN_EV_PER_K = 8.617333262e-5
 class DarkCurrentOverTime:
     """Dark signal against exposure time.
 
-    from_mean : slope of the mean [DN/s]; [e-/s] by :meth:`per_gain`.
-    from_variance : slope of the temporal variance [DN²/s]; [e-/s] by :meth:`per_gain`.
+    from_mean : slope of the mean [DN/s].
+    from_variance : slope of the temporal variance [DN²/s].
     line : through the means [DN, s].
     exposure_s, mean, mean_error : the points, with standard errors [s, DN].
     """
@@ -51,14 +50,6 @@ class DarkCurrentOverTime:
     def quantities(self) -> tuple[Quantity, ...]:
         """The dark current from the mean and from the variance."""
         return self.from_mean, self.from_variance
-
-    def per_gain(self, gain: Quantity | float) -> DarkCurrentOverTime:
-        """The dark currents in electrons.  gain : K [DN/e-]; the interval of a measured one widens these."""
-        return replace(
-            self,
-            from_mean=self.from_mean.divided(gain, "e-/s"),
-            from_variance=self.from_variance.divided(gain, "DN/s").divided(gain, "e-/s"),
-        )
 
     def plot(self, ax: Axes) -> None:
         """Mean dark signal against exposure time, with the straight line."""
@@ -124,8 +115,10 @@ def _current_from_variance(
     variances: list[float] = []
     errors: list[float] = []
     hidden: list[float] = []
+    coarse = ""
     for stack, squares in zip(stacks, noise, strict=True):
-        if squares is None:
+        if squares is None or stack.coarse:
+            coarse = coarse or stack.coarse
             continue
         terms = squares.variance()
         times_s.append(stack.exposure_s)
@@ -133,14 +126,10 @@ def _current_from_variance(
         errors.append(math.sqrt(sum(2 * term.value**2 / term.freedom for term in terms)))
         hidden.append(2 * stack.clipping.share * float(stack.variance.mean()))
     if len(set(times_s)) < 2:
-        few = "fewer than 2 exposure times have 2 frames"
+        few = coarse or "fewer than 2 exposure times have 2 frames"
         return no_value(symbol, name, "DN²/s", SECTION, few)
     line = straight_line(np.array(times_s), np.array(variances), np.hypot(errors, hidden))
-    current = Quantity(symbol, name, *line.interval, "DN²/s", SECTION, line.note)
-    for stack in stacks:
-        if len(stack) > 1:
-            current = current.noted(temporal_note(stack))
-    return current
+    return Quantity(symbol, name, *line.interval, "DN²/s", SECTION, line.note)
 
 
 def _without_clipped(stacks: Sequence[Stack]) -> tuple[list[Stack], str]:
@@ -177,8 +166,8 @@ def _without_clipped(stacks: Sequence[Stack]) -> tuple[list[Stack], str]:
 def errors_of_means(
     stacks: Sequence[Stack], noise: Sequence[MeanSquares | None]
 ) -> tuple[Float64Array, float]:
-    """Standard error of every stack's mean, and its degrees of freedom: of pixels and lines, and of drift if there is
-    more scatter between frames than these give."""
+    """Standard error of every stack's mean, and its degrees of freedom: of pixels and lines, of what rounding adds, and
+    of drift if there is more scatter between frames than these give."""
     known_noise = [squares for squares in noise if squares is not None]
     if len(known_noise) < len(noise):
         return np.full(len(stacks), np.nan), 1.0
@@ -186,6 +175,10 @@ def errors_of_means(
     hidden = np.array(
         [stack.clipping.share**2 * float(stack.variance.mean()) for stack in stacks]
     )
+    for number, stack in enumerate(stacks):
+        if stack.whole_codes:
+            total_dn2 = float(stack.variance.mean() + stack.mean.var())
+            hidden[number] += rounding_shift_dn(total_dn2) ** 2
     scatter = np.array([stack.frame_means.var(ddof=1) for stack in stacks])
     frames = np.array([len(stack) for stack in stacks])
     freedom = float((frames - 1).sum())

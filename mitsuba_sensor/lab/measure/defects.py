@@ -88,7 +88,8 @@ class Defects:
 def defects(dark: Stack, light: Stack | None = None, false_alarm: float = 0.01) -> Defects:
     """Defect pixels in the mean of dark frames, and in light less dark.
 
-    Each line's median is subtracted, then the median of 5 × 5 pixels; σ is 1.4826 times the median absolute deviation.
+    Each line's median is subtracted, then the median of the 24 others of 5 × 5 pixels; σ is 1.4826 times the median
+    absolute deviation.
     false_alarm : probability that one pixel or more of a sensor without defects is named, if its pixels are normal.
     Raises InputError for mosaics, light of another size, fewer than 100 pixels, and what is no probability.
     """
@@ -146,7 +147,9 @@ def _deviations(image: Float64Array, stack: Stack) -> tuple[Float64Array, Float6
     for axis, length in ((1, image.shape[1]), (0, image.shape[0])):
         if length >= WINDOW:
             rest = rest - np.median(rest, axis=axis, keepdims=True)
-    rest = rest - scipy.ndimage.median_filter(rest, WINDOW, mode="reflect")
+    neighbours = np.ones((WINDOW, WINDOW), bool)
+    neighbours[WINDOW // 2, WINDOW // 2] = False
+    rest = rest - scipy.ndimage.median_filter(rest, footprint=neighbours, mode="reflect")
     least = ROUNDING_DN
     if stack.frames.dtype.kind == "f":
         least = 1e-9 * max(1.0, float(np.abs(image).max()))

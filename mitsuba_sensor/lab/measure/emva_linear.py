@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...core.types import Float64Array
 from ..frames.selection import temporal_levels
-from ..frames.series import Report, Series, centre, series
-from ..frames.stack import Stack
+from ..frames.series import Report, Series, series
+from ..frames.stack import Stack, centre
+from ..frames.temporal import neighbour_correlation
 from ..quantity import Quantity, unknown
 from .curved_response import Curve, curvature, small_signals, straighten
 from .dark_noise import DarkNoise, dark_noise
 from .log_axes import set_log_axes
-from .photon_transfer import PhotonTransfer
+from .photon_transfer import PhotonTransfer, photon_transfer
 from .radiometric import EFFICIENCY, TOO_EFFICIENT, Radiometric, radiometric
 from .saturation import NO_PHOTONS, Saturation, find_peak, saturation
 
@@ -24,12 +26,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+SMOOTHED = 0.2
+"""Correlation of neighbours' temporal noise from which on frames are not raw; coupled pixels have less than 0.1."""
+
+
 @dataclass(frozen=True, eq=False)
 class EmvaLinear:
     """quantities : all figures, K first, then QE and those of the parts.  notes : what was found in the frames.
 
-    curvature : κ of a response y = s(1 + κs) [1/DN], 0 where it is a line; K, R and η are then those of small signals.
-    possible_curvature : κ that the levels do not tell from 0, or 0; K, R and η have intervals that hold both.
+    levels : of the flat fields and dark frames.  curve : of the response; K, R and η are those of small signals along
+    it, with intervals that hold a line and a curve where the levels do not tell them apart.
+    photon_transfer : along the curve.  as_measured : as EMVA 1288 Linear has it, without a curve.
     """
 
     quantities: tuple[Quantity, ...]
@@ -39,8 +46,21 @@ class EmvaLinear:
     saturation: Saturation
     snr: SignalToNoise
     notes: tuple[str, ...]
-    curvature: float
-    possible_curvature: float
+    levels: Series
+    curve: Curve
+    as_measured: PhotonTransfer
+
+    @property
+    def plots(self) -> dict[str, Callable[[Axes], object]]:
+        """Drawings by title."""
+        return {
+            "Radiometric function": self.radiometric.plot,
+            "Photon transfer, linear": self.as_measured.plot,
+            "Photon transfer, logarithmic": partial(self.as_measured.plot, log=True),
+            "Signal-to-noise ratio, linear": partial(self.snr.plot, log=False),
+            "Signal-to-noise ratio, logarithmic": self.snr.plot,
+            "Linearity": self.radiometric.plot_deviation,
+        }
 
     def __getitem__(self, symbol: str) -> Quantity:
         """A figure by its symbol: ``K``, ``η``, ``R``, ``LE``, ``σ_y.dark``, ``σ_d``, ``µ_e.sat``, ``DR``, …"""
@@ -68,6 +88,8 @@ def emva_linear(
     curve = curvature(measured, find_peak(measured))
     small = small_signals(measured, curve)
     straightened, transfer = small.levels, small.transfer
+    if smoothed := _note_smoothed(used):
+        transfer = replace(transfer, gain=unknown(transfer.gain, smoothed))
     light = _light_along(measured, curve, straightened)
     efficiency = light.efficiency(transfer.gain)
     if window is not None:
@@ -81,8 +103,16 @@ def emva_linear(
         signal = saturation(measured, transfer.gain, usable, dark.total).signal
         ends = replace(ends, signal=signal)
     notes = (*measured.notes, *_note_spatial_stacks(flats, used, measured))
+    as_measured, rows = transfer, [transfer.gain]
+    if curve:
+        as_measured = photon_transfer(measured)
+        name = f"{as_measured.gain.name} by a straight line"
+        rows.append(replace(as_measured.gain, symbol="K_line", name=name))
+        notes += (
+            f"the response is curved: the slope changes by {_percent_bent(measured, curve):+.2g} %",
+        )
     figures = [
-        transfer.gain,
+        *rows,
         efficiency or unknown(EFFICIENCY, NO_PHOTONS),
         *light.quantities,
         *dark.quantities,
@@ -91,8 +121,29 @@ def emva_linear(
     if measured.notes:
         figures = [figure.noted("see the notes of the series") for figure in figures]
     snr = signal_to_noise(straightened, transfer.gain, usable, dark.total)
-    kappas = curve.kappa, curve.possible_kappa
-    return EmvaLinear(tuple(figures), transfer, light, dark, ends, snr, notes, *kappas)
+    parts = transfer, light, dark, ends, snr
+    return EmvaLinear(tuple(figures), *parts, notes, measured, curve, as_measured)
+
+
+def _percent_bent(measured: Series, curve: Curve) -> float:
+    """By how much the slope of the response at the end of the range differs from that at zero [%]."""
+    end = np.array(find_peak(measured).mean[0])
+    return 100 * (float(curve.slope(curve.straight(end))) - 1)
+
+
+def _note_smoothed(flats: Sequence[Stack]) -> str:
+    """Why frames that were denoised, resized or interpolated show no K, or nothing."""
+    inside = [flat for flat in flats if flat.clipping.usable and flat.shape[1] > 8]
+    if not inside:
+        return ""
+    flat = sorted(inside, key=lambda stack: float(stack.frame_means[0]))[len(inside) // 2]
+    correlation = neighbour_correlation(flat)
+    if correlation < SMOOTHED:
+        return ""
+    return (
+        f"the temporal noise of neighbouring pixels is correlated by {correlation:.2f}, as in denoised, resized or "
+        "demosaiced frames, whose variance is too small; take raw frames"
+    )
 
 
 def _light_along(measured: Series, curve: Curve, straightened: Series) -> Radiometric:

@@ -9,16 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...core.types import Float64Array
-from ..frames.clipping import mark_clipped_sigma
-from ..frames.rounding import (
-    ROUNDING_DN2,
-    Rounding,
-    has_whole_codes,
-    is_rounded,
-    mark_rounding,
-    temporal_note,
-)
-from ..frames.stack import Stack
+from ..frames.clipping import mark_temporal_sigma
+from ..frames.stack import ROUNDING_DN2, Stack, rounding_error_dn2
 from ..quantity import Quantity, no_value
 from ..statistics.mean_squares import MeanSquare, root, temporal_mean_squares
 
@@ -32,7 +24,7 @@ SECTION = "analysis of variance over frames"
 class LineNoise:
     """Temporal noise of rows, columns and pixels, whose squares add up to a pixel's temporal variance without rounding.
 
-    row, column, pixel : standard deviations [DN]; [e-] by :meth:`per_gain`.
+    row, column, pixel : standard deviations [DN].
     rows, columns : standard deviation over the frames of each row's and column's mean, (H,) and (W,) [DN].
     """
 
@@ -46,15 +38,6 @@ class LineNoise:
     def quantities(self) -> tuple[Quantity, ...]:
         """Row, column and pixel noise."""
         return self.row, self.column, self.pixel
-
-    def per_gain(self, gain: Quantity | float) -> LineNoise:
-        """The noise in electrons.  gain : K [DN/e-]; the interval of a measured one widens these."""
-        return replace(
-            self,
-            row=self.row.divided(gain, "e-"),
-            column=self.column.divided(gain, "e-"),
-            pixel=self.pixel.divided(gain, "e-"),
-        )
 
     def plot(self, ax: Axes) -> None:
         """Temporal noise of every line's mean; the smaller the noise of its pixels, the nearer to σ_row and σ_col."""
@@ -74,19 +57,12 @@ def line_noise(stack: Stack) -> LineNoise:
     """
     stack.require_one_filter()
     rows, columns, pixels = _variance_terms(stack)
-    row = _noise("σ_row", "temporal row noise", rows, stack)
-    column = _noise("σ_col", "temporal column noise", columns, stack)
     pixel = _noise("σ_pixel", "temporal pixel noise", pixels, stack)
-    if has_whole_codes(stack):
-        pixel = _without_rounding(pixel)
-    if is_rounded(stack):
-        rounding = Rounding.measure(stack)
-        row = mark_rounding(row, rounding.of_means(row.high**2))
-        column = mark_rounding(column, rounding.of_means(column.high**2))
-        pixel = mark_rounding(pixel, rounding.of_pixel_noise)
+    if stack.whole_codes and len(stack) > 1:
+        pixel = _without_rounding(pixel, rounding_error_dn2(float(stack.variance.mean())))
     return LineNoise(
-        row=row,
-        column=column,
+        row=_noise("σ_row", "temporal row noise", rows, stack),
+        column=_noise("σ_col", "temporal column noise", columns, stack),
         pixel=pixel,
         rows=_deviation_over_frames(stack.row_means),
         columns=_deviation_over_frames(stack.column_means),
@@ -109,7 +85,7 @@ def _noise(symbol: str, name: str, terms: list[MeanSquare], stack: Stack) -> Qua
     if terms:
         value, low, high = root(terms)
         noise = replace(noise, value=value, low=low, high=high)
-    noise = mark_clipped_sigma(noise, stack).noted(temporal_note(stack))
+    noise = mark_temporal_sigma(noise, stack)
     if not terms and len(stack) > 1:
         noise = noise.noted(
             "a single line of pixels: rows, columns and pixels are not told apart"
@@ -119,12 +95,13 @@ def _noise(symbol: str, name: str, terms: list[MeanSquare], stack: Stack) -> Qua
     return noise
 
 
-def _without_rounding(sigma: Quantity) -> Quantity:
-    """A standard deviation [DN] without the 1/12 DN² that rounding adds to its square."""
-    value, low, high = (
-        math.sqrt(max(0.0, sigma_dn**2 - ROUNDING_DN2)) if math.isfinite(sigma_dn) else sigma_dn
-        for sigma_dn in (sigma.value, sigma.low, sigma.high)
-    )
+def _without_rounding(sigma: Quantity, error_dn2: float) -> Quantity:
+    """A standard deviation [DN] without what rounding adds to its square, 1/12 DN² give or take an error."""
+    if math.isnan(sigma.value):
+        return sigma
+    removed_dn2 = ROUNDING_DN2 + np.array([0.0, error_dn2, -error_dn2])
+    variances = np.square([sigma.value, sigma.low, sigma.high]) - removed_dn2
+    value, low, high = np.sqrt(np.maximum(variances, 0.0)).tolist()
     return replace(sigma, value=value, low=low, high=high)
 
 

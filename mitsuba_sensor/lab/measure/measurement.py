@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...core import InputError
 from ..frames.bench import Bench
@@ -25,75 +24,99 @@ from ..frames.selection import (
     most_frames,
     shortest_dark,
 )
-from ..frames.series import Report
+from ..frames.soundness import sound
 from ..frames.stack import Stack
-from ..frames.stuck_lines import without_stuck_lines
+from ..frames.stuck_lines import with_lines_filled
 from ..quantity import Quantity
 from .correlation import correlation
-from .dark_current import DarkCurrentOverTime, DarkTemperature, dark_current, dark_temperature
-from .dark_signal import dark_signal
+from .dark_current import DarkTemperature, dark_current, dark_temperature
+from .dark_signal import DarkSignal, dark_signal
 from .defects import defects
 from .emva_linear import EmvaLinear, emva_linear
-from .line_noise import LineNoise, line_noise
+from .line_noise import line_noise
 from .nonuniformity import Nonuniformity, nonuniformity
-from .photon_transfer import photon_transfer_of_scene
+from .photon_transfer import PhotonTransfer, photon_transfer_of_scene
 from .profiles import profiles
 from .rts_pixels import rts_pixels
-from .spectrogram import spectrograms
+from .spectrogram import Spectrogram, spectrograms
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-class Instrument(Protocol):
-    """Result of an instrument."""
+class Instrument(NamedTuple):
+    """A row of the table of instruments.
 
-    @property
-    def quantities(self) -> Sequence[Quantity]:
-        """Its figures."""
+    ::
 
-    def plot(self, ax: Axes, /) -> None:
-        """Draws it."""
+        def warmest(dark):
+            return dark.mean.max(), dark.mean.min(), dark.mean.max()
 
+        mine = ms.lab.Instrument("warmest pixel", lambda m: m.bench.darks[:1], warmest, "DN", "house rule")
+        ms.lab.measure_bench(bench, instruments=[*ms.lab.INSTRUMENTS, mine])
 
-Scaled = TypeVar("Scaled", DarkCurrentOverTime, LineNoise, Nonuniformity)
-INSTRUMENTS = 13
-"""That measure each filter, for a progress bar."""
+    title : of its results.  frames : what the function is called with, from the measurement so far.
+    function : returns a Quantity, several, (value, low, high), or an object with ``quantities`` and a ``plot``, or
+    ``plots`` by title, and ``notes``. An InputError means that the frames do not show it.
+    unit : of its figures; figures in DN are divided by K where it is "e-".  section : where the definition stands.
+    """
+
+    title: str
+    frames: Callable[[Measurement], Iterable[Any]]
+    function: Callable[..., Any]
+    unit: str
+    section: str
 
 
 @dataclass(eq=False)
 class Measurement:
     """Results of all instruments behind one colour filter.
 
-    filter_name : of the filter, empty for a monochrome camera.
-    figures : all quantities, by symbol, in the order of the instruments.
+    filter_name : of the filter, empty for a monochrome camera.  bench : the frames behind it.
+    figures : all quantities, by symbol, in the order of the instruments.  results : of the instruments, by title.
     drawings : what to draw, by title.  notes : what the instruments say about the frames.
     refused : the sentence of every instrument that could not measure, by its title.
     clipped : titles of the instruments that could not because values are clipped.
-    report : told the title of every instrument when it begins; begun : those titles.
+    report : told the title of every instrument when it begins, and how far a long one is.
     """
 
     filter_name: str
+    bench: Bench
     figures: dict[str, Quantity] = field(default_factory=dict)
+    results: dict[str, Any] = field(default_factory=dict)
     drawings: dict[str, Callable[[Axes], object]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     refused: dict[str, str] = field(default_factory=dict)
     clipped: list[str] = field(default_factory=list)
     report: Callable[[str], object] = lambda title: None
-    begun: list[str] = field(default_factory=list)
 
-    def run(self, title: str, instrument: Callable[[], Result]) -> Result | None:
-        """Result of an instrument; None where it refuses."""
-        if title not in self.begun:
-            self.begun.append(title)
-            self.report(title)
+    def run(self, instrument: Instrument) -> None:
+        """Keep figures, drawings and notes of an instrument, or the sentence with which it refuses."""
+        title = instrument.title
+        self.report(title)
         try:
-            return instrument()
+            result = instrument.function(*instrument.frames(self))
         except InputError as error:
             self.refused[title] = str(error)
             if isinstance(error, ClippedError):
                 self.clipped.append(title)
-            return None
+            return
+        self.results[title] = result
+        for quantity in _quantities_of(result, instrument):
+            figure = self._in_unit(quantity.with_width(), instrument.unit)
+            self.figures[quantity.symbol] = figure
+        self.notes += getattr(result, "notes", ())
+        if hasattr(result, "plots"):
+            self.drawings |= result.plots
+        elif hasattr(result, "plot"):
+            self.drawings[f"{title[0].upper()}{title[1:]}"] = result.plot
+
+    def _in_unit(self, figure: Quantity, unit: str) -> Quantity:
+        """A figure in electrons where that is wanted and K is known."""
+        gain = self.figures.get("K")
+        if unit != "e-" or gain is None or not gain.low > 0:
+            return figure
+        return figure.in_electrons(gain)
 
     @property
     def hidden(self) -> list[str]:
@@ -101,24 +124,25 @@ class Measurement:
         symbols = [figure.symbol for figure in self.figures.values() if figure.clipped]
         return symbols + self.clipped
 
-    def take(self, title: str, drawing: str, instrument: Callable[[], Instrument]) -> None:
-        """Keep figures and drawing of an instrument; nothing where it refuses.  drawing : its title."""
-        result = self.run(title, instrument)
-        if result is not None:
-            self.keep(result.quantities)
-            self.drawings[drawing] = result.plot
 
-    def keep(self, quantities: Iterable[Quantity]) -> None:
-        """Keep the figures of an instrument."""
-        for quantity in quantities:
-            self.figures[quantity.symbol] = quantity
-
-
-Result = TypeVar("Result")
+def _quantities_of(result: Any, instrument: Instrument) -> Iterator[Quantity]:
+    """The figures of a result."""
+    title, _, _, unit, section = instrument
+    if isinstance(result, Quantity):
+        yield result
+    elif hasattr(result, "quantities"):
+        yield from result.quantities
+    elif isinstance(result, tuple) and len(result) == 3 and not isinstance(result[0], Quantity):
+        value, low, high = map(float, result)
+        yield Quantity(title, title, value, low, high, unit, section)
+    else:
+        yield from result
 
 
 def measure_bench(
-    bench: Bench, report: Callable[[str], object] = lambda title: None
+    bench: Bench,
+    report: Callable[[str], object] = lambda title: None,
+    instruments: Sequence[Instrument] | None = None,
 ) -> tuple[Measurement, ...]:
     """Every instrument on the pixels behind each colour filter of a bench: K, QE, noise, saturation, dark current, …
 
@@ -129,7 +153,7 @@ def measure_bench(
         print(measured.figures["K"])
 
     report : called with the title of each instrument before it measures, from several threads; with the title, a colon
-        and how far it is while a long one measures.
+    and how far it is while a long one measures.  instruments : all of ``ms.lab.INSTRUMENTS`` where None.
 
     Raises InputError for a bench of several gain settings (see :meth:`Bench.at_gain`), and for one without stacks.
     """
@@ -138,12 +162,15 @@ def measure_bench(
         raise InputError(
             f"the bench has the gain settings {gains}; measure Bench.at_gain() of each."
         )
+    rows = INSTRUMENTS if instruments is None else instruments
+    bench, saturated = sound(bench)
 
     def measure_filter(name: str, part: Bench) -> Measurement:
-        responding, stuck = without_stuck_lines(part)
-        notes = [note for note in (*bench.notes, stuck) if note]
-        measurement = Measurement(name, notes=notes, report=report)
-        _run_all(measurement, responding)
+        responding, stuck = with_lines_filled(part)
+        notes = [note for note in (*bench.notes, saturated, stuck) if note]
+        measurement = Measurement(name, responding, notes=notes, report=report)
+        for instrument in rows:
+            measurement.run(instrument)
         measurement.notes = merged(measurement.notes)
         return measurement
 
@@ -152,139 +179,176 @@ def measure_bench(
         return tuple(pool.map(measure_filter, parts.keys(), parts.values()))
 
 
-def _run_all(measurement: Measurement, bench: Bench) -> None:
-    """Run every instrument on the pixels behind one filter."""
+def linear_of(bench: Bench, report: Callable[[int, int], object] | None = None) -> EmvaLinear:
+    """EMVA 1288 Linear of a bench, with the dark frames nearest to the flat fields in time and temperature.
 
-    def report(done: int, total: int) -> None:
-        measurement.report(f"photon transfer: {done} of {total} levels")
-
-    linear = measurement.run("photon transfer", lambda: _measure_linear(bench, report))
-    if linear is not None:
-        _keep_linear(measurement, linear)
-    gain = measurement.figures.get("K")
-    if gain is not None and not gain.low > 0:
-        gain = None
-    _measure_scene(measurement, bench)
-    _measure_lines(measurement, bench, gain)
-    _measure_uniformity(measurement, bench, gain, linear)
-    _measure_dark(measurement, bench, gain)
-
-
-def _measure_linear(bench: Bench, report: Report) -> EmvaLinear:
-    """EMVA 1288 Linear with the dark frames of the flat fields' own exposure times."""
-    flat_of_time: dict[float, Stack] = {}
-    for flat in bench.flats:
-        flat_of_time.setdefault(flat.exposure_s, flat)
-    darks = [dark_for(bench, flat) for _, flat in sorted(flat_of_time.items())]
-    return emva_linear(darks, bench.flats, report=report)
-
-
-def _keep_linear(measurement: Measurement, linear: EmvaLinear) -> None:
-    measurement.keep(linear.quantities)
-    measurement.notes += linear.notes
-    measurement.drawings |= {
-        "Radiometric function": linear.radiometric.plot,
-        "Photon transfer, linear": linear.photon_transfer.plot,
-        "Photon transfer, logarithmic": partial(linear.photon_transfer.plot, log=True),
-        "Signal-to-noise ratio, linear": partial(linear.snr.plot, log=False),
-        "Signal-to-noise ratio, logarithmic": linear.snr.plot,
-        "Linearity": linear.radiometric.plot_deviation,
-    }
-
-
-def _measure_scene(measurement: Measurement, bench: Bench) -> None:
-    """The paper's photon transfer curve, of the first scene."""
-    if not bench.scenes:
-        return
-    transfer = measurement.run(
-        "photon transfer of a scene", lambda: photon_transfer_of_scene(bench.scenes[0])
-    )
-    if transfer is not None:
-        section = "Konnik & Welsh 2014, section 4"
-        measurement.keep([replace(transfer.gain, symbol="K_scene", section=section)])
-        measurement.drawings["Photon transfer of a scene"] = transfer.plot
-
-
-def _measure_in_electrons(gain: Quantity | None, instrument: Callable[[], Scaled]) -> Scaled:
-    """Result of an instrument, in electrons where K is known."""
-    result = instrument()
-    if gain is None:
-        return result
-    return result.per_gain(gain)
-
-
-def _measure_lines(measurement: Measurement, bench: Bench, gain: Quantity | None) -> None:
-    """Row and column noise, and correlations, of the shortest dark frames."""
-    lines = partial(_measure_in_electrons, gain, lambda: line_noise(shortest_dark(bench)))
-    measurement.take("row and column noise", "Temporal noise of rows and columns", lines)
-    measurement.take(
-        "correlation", "Correlation over frames", lambda: correlation(shortest_dark(bench))
-    )
-
-
-def _measure_uniformity(
-    measurement: Measurement, bench: Bench, gain: Quantity | None, linear: EmvaLinear | None
-) -> None:
-    """Non-uniformity, profiles, spectrograms and defects of the half-saturated flat field and its dark frames."""
-    saturation_dn, curvatures = None, (0.0, 0.0)
-    if linear is not None:
-        curvatures = linear.curvature, linear.possible_curvature
-        saturation_dn = float(linear.photon_transfer.peak.mean[0])
-    half = measurement.run("non-uniformity", lambda: half_saturated(bench, saturation_dn))
-    if half is None:
-        return
-    dark = measurement.run("non-uniformity", lambda: dark_for(bench, half))
-    if dark is None:
-        return
-    uneven = partial(
-        _measure_in_electrons, gain, lambda: nonuniformity(dark, half, False, *curvatures)
-    )
-    measurement.take("non-uniformity", "Photo response non-uniformity", uneven)
-    for name, image in (("darkness", dark), ("half saturation", half)):
-        both = measurement.run(f"spectrogram, {name}", partial(spectrograms, image))
-        for spectrogram in both or ():
-            direction = spectrogram.direction
-            whiteness = replace(spectrogram.non_whiteness, symbol=f"F_{direction}, {name}")
-            measurement.keep([whiteness])
-            measurement.drawings[f"Spectrogram, {direction}, {name}"] = spectrogram.plot
-    for profile in measurement.run("profiles", lambda: profiles(half, dark)) or ():
-        measurement.drawings[f"Profile, {profile.direction}"] = profile.plot
-    measurement.take("defect pixels", "Defect pixels", lambda: defects(dark, half))
-
-
-def _measure_dark(measurement: Measurement, bench: Bench, gain: Quantity | None) -> None:
-    """Dark current over time and temperature, its distribution, RTS pixels."""
-    current = partial(_measure_in_electrons, gain, lambda: dark_current(dark_series(bench)))
-    measurement.take("dark current", "Dark current", current)
-    measurement.take(
-        "dark current over temperature",
-        "Dark current over temperature",
-        lambda: _measure_over_temperature(bench),
-    )
-    signal = measurement.run(
-        "dark signal", lambda: dark_signal(longest_dark(bench), black_level(bench))
-    )
-    if signal is not None and signal.fits:
-        exposure_s = longest_dark(bench).exposure_s
-        measurement.notes.append(
-            f"distribution of the dark signal over the pixels, in {exposure_s:.4g} s: {signal.best.name} (of the "
-            "fitted ones that with the lowest BIC)"
+    Raises InputError where no flat fields, or no dark frames, have two frames.
+    """
+    flats = [flat for flat in bench.flats if len(flat) > 1]
+    darks = [stack for stack in darks_of(bench) if len(stack) > 1]
+    if not flats or not darks:
+        raise InputError(
+            "K needs flat fields and dark frames, 2 frames or more of each; single frames have no temporal variance."
         )
-        measurement.drawings["Dark signal"] = signal.plot
-        measurement.drawings["Dark signal, logarithmic"] = partial(signal.plot, log_counts=True)
-    telegraph = measurement.run("RTS pixels", lambda: rts_pixels(most_frames(darks_of(bench))))
-    if telegraph is not None:
-        if gain is not None:
-            telegraph = telegraph.per_gain(gain.value)
-        measurement.keep(telegraph.quantities)
-        if telegraph.steps.size:
-            measurement.drawings["RTS pixels"] = telegraph.plot
+    nearest: dict[int, Stack] = {}
+    for flat in flats:
+        dark = min(darks, key=lambda stack: _distance(flat, stack))
+        nearest[id(dark)] = dark
+    return emva_linear(list(nearest.values()), flats, report=report)
 
 
-def _measure_over_temperature(bench: Bench) -> DarkTemperature:
-    """Dark current of the temperatures at which there are 2 exposure times or more."""
+def _distance(flat: Stack, dark: Stack) -> tuple[float, float, int]:
+    """Dark frames of the same time and temperature come first, and of these the one with most frames."""
+    dark_k = dark.temperature_k or 0.0
+    warmer = abs(dark_k - (flat.temperature_k or dark_k))
+    return abs(dark.exposure_s - flat.exposure_s), warmer, -len(dark)
+
+
+def half_and_dark(bench: Bench, linear: EmvaLinear | None) -> tuple[Stack, Stack]:
+    """The dark frames of the flat field nearest to half of saturation, and this flat field."""
+    saturation_dn = None
+    if linear is not None:
+        saturation_dn = float(linear.photon_transfer.peak.mean[0])
+    half = half_saturated(bench, saturation_dn)
+    return dark_for(bench, half), half
+
+
+def uniformity_of(bench: Bench, linear: EmvaLinear | None) -> Nonuniformity:
+    """DSNU1288 and PRNU1288 of a bench, of the light where the response is curved."""
+    dark, half = half_and_dark(bench, linear)
+    if linear is None:
+        return nonuniformity(dark, half)
+    kappa, possible = linear.curve.kappa, linear.curve.possible_kappa
+    return nonuniformity(dark, half, curvature=kappa, possible_curvature=possible)
+
+
+def over_temperature(bench: Bench) -> DarkTemperature:
+    """Dark current of each temperature; dark frames of one exposure time are counted from the shortest of all."""
     currents: dict[float, Quantity] = {}
     for temperature_k, stacks in by_temperature(bench).items():
+        if count_exposure_times(stacks) == 1:
+            stacks = [replace(shortest_dark(bench), temperature_k=temperature_k), *stacks]
         if count_exposure_times(stacks) > 1:
             currents[temperature_k] = dark_current(stacks).from_mean
     return dark_temperature(currents)
+
+
+def _linear(measurement: Measurement) -> EmvaLinear | None:
+    """The result of the first instrument, on which others rest."""
+    linear: EmvaLinear | None = measurement.results.get("photon transfer")
+    return linear
+
+
+def _linear_frames(measurement: Measurement) -> Iterator[object]:
+    """The bench, and what is told how far it is."""
+    yield measurement.bench
+    yield lambda done, total: measurement.report(f"photon transfer: {done} of {total} levels")
+
+
+def _scene(measurement: Measurement) -> Sequence[Stack]:
+    """The first scene. Raises InputError where there is none."""
+    return measurement.bench.scenes[:1]
+
+
+def _transfer_of_scene(*scenes: Stack) -> PhotonTransfer | tuple[()]:
+    """The paper's photon transfer curve of the first scene, nothing without one."""
+    for scene in scenes:
+        transfer = photon_transfer_of_scene(scene)
+        section = "Konnik & Welsh 2014, section 4"
+        return replace(transfer, gain=replace(transfer.gain, symbol="K_scene", section=section))
+    return ()
+
+
+def _half(measurement: Measurement) -> tuple[Stack, Stack]:
+    return half_and_dark(measurement.bench, _linear(measurement))
+
+
+class _Spectrograms(NamedTuple):
+    """Horizontal and vertical spectrograms of dark frames and of a flat field, by the name of the frames."""
+
+    found: dict[str, tuple[Spectrogram, Spectrogram]]
+
+    @property
+    def quantities(self) -> Iterator[Quantity]:
+        for name, both in self.found.items():
+            for one in both:
+                symbol = f"F_{one.direction}, {name}"
+                yield replace(one.non_whiteness, symbol=symbol)
+
+    @property
+    def plots(self) -> dict[str, Callable[[Axes], object]]:
+        return {
+            f"Spectrogram, {one.direction}, {name}": one.plot
+            for name, both in self.found.items()
+            for one in both
+        }
+
+
+def _spectrograms(dark: Stack, half: Stack) -> _Spectrograms:
+    return _Spectrograms(
+        {"darkness": spectrograms(dark), "half saturation": spectrograms(half)}
+    )
+
+
+class _Profiles(NamedTuple):
+    """Drawings of the profiles of a flat field."""
+
+    plots: dict[str, Callable[[Axes], object]]
+    quantities: tuple[Quantity, ...] = ()
+
+
+def _profiles(dark: Stack, half: Stack) -> _Profiles:
+    return _Profiles({f"Profile, {one.direction}": one.plot for one in profiles(half, dark)})
+
+
+def _dark_signal(bench: Bench) -> DarkSignal:
+    return dark_signal(longest_dark(bench), black_level(bench))
+
+
+def _bench(measurement: Measurement) -> tuple[Bench]:
+    return (measurement.bench,)
+
+
+def _shortest(measurement: Measurement) -> tuple[Stack]:
+    return (shortest_dark(measurement.bench),)
+
+
+INSTRUMENTS: tuple[Instrument, ...] = (
+    Instrument("photon transfer", _linear_frames, linear_of, "DN/e-", "EMVA 1288 R4 6.6"),
+    Instrument(
+        "photon transfer of a scene", _scene, _transfer_of_scene, "DN/e-", "Konnik & Welsh 2014"
+    ),
+    Instrument(
+        "row and column noise", _shortest, line_noise, "e-", "analysis of variance over frames"
+    ),
+    Instrument("correlation", _shortest, correlation, "", "autocorrelation of temporal noise"),
+    Instrument(
+        "non-uniformity",
+        lambda m: (m.bench, _linear(m)),
+        uniformity_of,
+        "e-",
+        "EMVA 1288 R4 eq. 66, 67",
+    ),
+    Instrument("spectrogram", _half, _spectrograms, "", "EMVA 1288 A2.01 7.3.2"),
+    Instrument("profiles", _half, _profiles, "DN", "EMVA 1288 R4 8.6"),
+    Instrument("defect pixels", _half, defects, "%", "distance from the neighbours' median"),
+    Instrument(
+        "dark current",
+        lambda m: (dark_series(m.bench),),
+        dark_current,
+        "e-",
+        "EMVA 1288 R4 7.1",
+    ),
+    Instrument(
+        "dark current over temperature", _bench, over_temperature, "", "EMVA 1288 R4 7.2"
+    ),
+    Instrument("dark signal", _bench, _dark_signal, "DN", "BIC of four distributions"),
+    Instrument(
+        "RTS pixels",
+        lambda m: (most_frames(darks_of(m.bench)),),
+        rts_pixels,
+        "e-",
+        "likelihood ratio of two levels and one",
+    ),
+)
+"""All instruments, in the order in which they measure; those below use the results of those above."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,9 +12,8 @@ import scipy
 
 from ...core import InputError
 from ...core.types import Float64Array
-from ..frames.clipping import mark_clipped_sigma
-from ..frames.rounding import Rounding, is_rounded, mark_rounding, temporal_note
-from ..frames.stack import Stack
+from ..frames.clipping import mark_clipped_sigma, mark_rounding
+from ..frames.stack import ONE_FRAME, Stack
 from ..frames.temporal import flicker_note
 from ..quantity import Quantity, unknown
 from ..statistics.mean_squares import (
@@ -50,10 +49,10 @@ PARTS: dict[str, Callable[[MeanSquares], list[MeanSquare]]] = {
 class Nonuniformity:
     """Standard deviations over rows, columns and pixels of what does not change from frame to frame.
 
-    dsnu, dsnu_row, dsnu_col, dsnu_pixel : in the dark [DN]; [e-] by :meth:`per_gain`.
+    dsnu, dsnu_row, dsnu_col, dsnu_pixel : in the dark [DN].
     prnu, prnu_row, prnu_col, prnu_pixel : in light, of the mean signal [%]; their squares are s²_light − s²_dark.
     paper_raw, paper : σ/µ of the light minus the dark [%], with and without what averaging leaves of temporal noise.
-    difference : light minus dark, (H, W) [DN].
+    difference : light minus dark, (H, W) [DN], without uneven light.
     """
 
     dsnu: Quantity
@@ -72,16 +71,6 @@ class Nonuniformity:
     def quantities(self) -> tuple[Quantity, ...]:
         """All ten figures, DSNU first."""
         return tuple(getattr(self, field.name) for field in fields(self)[:-1])
-
-    def per_gain(self, gain: Quantity | float) -> Nonuniformity:
-        """DSNU in electrons.  gain : K [DN/e-]; the interval of a measured one widens those of DSNU."""
-        return replace(
-            self,
-            dsnu=self.dsnu.divided(gain, "e-"),
-            dsnu_row=self.dsnu_row.divided(gain, "e-"),
-            dsnu_col=self.dsnu_col.divided(gain, "e-"),
-            dsnu_pixel=self.dsnu_pixel.divided(gain, "e-"),
-        )
 
     def plot(self, ax: Axes) -> None:
         """Density of the pixels' deviation from the mean signal, and the normal law of the same standard deviation."""
@@ -105,7 +94,7 @@ class Nonuniformity:
 def nonuniformity(
     dark: Stack,
     light: Stack,
-    high_pass: bool = False,
+    high_pass: bool | None = None,
     curvature: float = 0.0,
     possible_curvature: float = 0.0,
 ) -> Nonuniformity:
@@ -118,7 +107,8 @@ def nonuniformity(
     Pixels that stand out in the dark or in the light are left out, and a note says how many and what the figure is with
     them: a handful of hot pixels would hide PRNU, which is a difference of two variances.
 
-    high_pass : removes uneven light as EMVA 1288 R4 8.1 does, and corrects for what the filter takes of each part.
+    high_pass : removes uneven light as EMVA 1288 R4 8.1 does, and corrects for what the filter takes of each part. None
+        does so for PRNU where rows or columns show that the light is uneven, and a note says by how much.
     curvature : κ of a response y = s(1 + κs) [1/DN], as emva_linear finds it: PRNU is then that of the light.
     possible_curvature : κ of a curve that emva_linear does not tell from a line: PRNU has an interval that holds both.
 
@@ -126,61 +116,50 @@ def nonuniformity(
     """
     _check(dark, light)
     left_out = outliers(dark.mean) | outliers(light.mean - dark.mean)
-    measured = _measure_without(left_out, dark, light, high_pass)
+    difference = light.mean - dark.mean
+    surface = uneven_light(fill(difference, left_out))
+    measured = _measure_without(left_out, dark, light, bool(high_pass))
     whole = measured
     if left_out.any():
-        whole = _measure_without(np.zeros_like(left_out), dark, light, high_pass)
+        whole = _measure_without(np.zeros_like(left_out), dark, light, bool(high_pass))
     note = note_left_out_pixels(left_out)
+    uneven = ""
+    if high_pass is None and surface.any():
+        uneven = f"the light is uneven by {100 * np.ptp(surface) / difference.mean():.2g} %"
+        if min(light.shape) >= 4 * MARGIN + 2:
+            filtered = _measure_without(left_out, dark, light, True)
+            measured |= {name: filtered[name] for name in filtered if name.startswith("prnu")}
+            uneven += ", removed by the high-pass filter of EMVA 1288 R4 8.1"
+        else:
+            uneven += ", which is part of it"
+    signal = float(difference.mean())
+    percent = 100 / signal
     figures: dict[str, Quantity] = {}
     for name, figure in measured.items():
         stacks = (dark, light) if figure.unit == "%" else (dark,)
+        if figure.unit == "%":
+            figure = figure.noted(uneven)
         if note and math.isfinite(figure.value):
             value = whole[name].value
             figure = figure.noted(f"{note}; {value:.4g} {figure.unit} with them")
-        figures[name] = _mark(figure, *stacks)
-    figures = _mark_rounding(figures, dark, light)
+        per_dn = percent if figure.unit == "%" else 1.0
+        figures[name] = mark_rounding(_mark(figure, *stacks), *stacks, per_dn=per_dn)
     flicker = flicker_note(light, "PRNU of rows and of all is not told from it")
     for name in ("prnu", "prnu_row", "paper", "paper_raw"):
         if flicker:
             figures[name] = unknown(figures[name], flicker)
-    signal = float((light.mean - dark.mean).mean())
     for name, figure in figures.items():
         if figure.unit == "%" and curvature:
             figures[name] = _of_light(figure, relative_slope(signal, curvature))
         if figure.unit == "%" and possible_curvature:
             other = _of_light(figure, relative_slope(signal, possible_curvature))
             figures[name] = figure.extended(other).noted(MAYBE_OF_LIGHT)
-    return Nonuniformity(**figures, difference=light.mean - dark.mean)
+    return Nonuniformity(**figures, difference=difference - surface)
 
 
 def _of_light(prnu: Quantity, slope: float) -> Quantity:
     """PRNU of the light where the response has this relative slope."""
     return prnu.scaled(1 / slope, "%").noted(f"{OF_LIGHT}, by {slope:.4g}")
-
-
-def _mark_rounding(
-    figures: dict[str, Quantity], dark: Stack, light: Stack
-) -> dict[str, Quantity]:
-    """The figures with what rounding hides: of spatial variance in the dark, of its own pattern in both stacks."""
-    patterns = {
-        id(stack): Rounding.measure(stack) for stack in (dark, light) if is_rounded(stack)
-    }
-    percent = 100 / float((light.mean - dark.mean).mean())
-    marked: dict[str, Quantity] = {}
-    for name, figure in figures.items():
-        _, _, part = name.partition("_")
-        in_dark = figures.get(f"dsnu_{part}", figures["dsnu"])
-        hidden_dn2, per_dn = 0.0, 1.0
-        if id(dark) in patterns:
-            hidden_dn2 += patterns[id(dark)].of_means(in_dark.high**2)
-        if figure.unit == "%":
-            per_dn = percent
-            if id(light) in patterns:
-                hidden_dn2 += patterns[id(light)].of_means((figure.high / percent) ** 2)
-        marked[name] = figure
-        if math.isfinite(hidden_dn2):
-            marked[name] = mark_rounding(figure, hidden_dn2, per_dn)
-    return marked
 
 
 def _measure_without(
@@ -266,7 +245,8 @@ def _mark(figure: Quantity, *stacks: Stack) -> Quantity:
     if figure.low == 0 and all(len(stack) > 1 for stack in stacks):
         figure = figure.noted("not told from 0")
     for stack in stacks:
-        figure = figure.noted(temporal_note(stack))
+        if len(stack) == 1:
+            figure = figure.noted(ONE_FRAME)
     return figure
 
 
@@ -288,11 +268,32 @@ def _check(dark: Stack, light: Stack) -> None:
         )
 
 
+LEAST_UNEVEN, CLEARLY_UNEVEN, FEWEST_LINES = 0.01, 60.0, 16
+"""Light is uneven by 1 % of the signal or more, and 60 times the scatter of the lines' means: chance 1e-5."""
 KERNEL = np.convolve(np.convolve(np.full(7, 1 / 7), np.full(11, 1 / 11)), (0.25, 0.5, 0.25))
 """Along one axis: boxes of 7 and 11 pixels and a binomial of 3, which are smoothed with and subtracted (EMVA 1288 R4
 8.1)."""
 MARGIN = len(KERNEL) // 2
 """Pixels at each border whose neighbourhood is not complete."""
+
+
+def uneven_light(image: Float64Array) -> Float64Array:
+    """Parabolas along rows and columns of an image, less its mean, where they are no chance, (H, W); else zeros."""
+    surface = np.zeros(image.shape)
+    for axis in (0, 1):
+        profile = image.mean(axis=1 - axis)
+        if profile.size < FEWEST_LINES:
+            continue
+        place = np.linspace(-1, 1, profile.size)
+        parabola = np.polynomial.polynomial.polyval(
+            place, np.polynomial.polynomial.polyfit(place, profile, 2)
+        )
+        rest = float(np.square(profile - parabola).sum()) / (profile.size - 3)
+        parabola -= parabola.mean()
+        is_large = np.ptp(parabola) > LEAST_UNEVEN * abs(image.mean())
+        if is_large and float(parabola @ parabola) > CLEARLY_UNEVEN * rest:
+            surface += np.expand_dims(parabola, 1 - axis)
+    return surface
 
 
 def highpass(image: Float64Array) -> Float64Array:

@@ -53,6 +53,11 @@ class PhotonTransfer:
     fitted: NDArray[np.bool_]
     peak: Peak
 
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """K."""
+        return (self.gain,)
+
     def plot(self, axes: Axes, log: bool = False) -> None:
         """Variance against signal with the fitted line; log for both axes logarithmic."""
         shown, begin = np.ones(len(self.signal), bool), 0.0
@@ -88,8 +93,11 @@ def photon_transfer(measured: Series) -> PhotonTransfer:
     variance, errors = measured.of_flats("variance"), measured.of_flats("variance_error")
     freedom, dark_variance = measured.of_flats("freedom"), measured.of_darks("variance")
     within = (measured.signal <= FITTED * ends.mean[0]) & (variance > 0)
-    fitted = within & measured.inside
+    fitted = within & measured.inside & ~measured.coarse
     curve = _Curve(measured.signal, measured.excess, errors, fitted, ends)
+    if within.any() and measured.coarse[within].all():
+        nothing = unknown(GAIN, measured.flats[int(np.argmax(within))].coarse)
+        return PhotonTransfer(nothing, replace(nothing, symbol="K_0"), *curve)
 
     def covariance(gain: float) -> Float64Array:
         model = dark_variance + gain * np.maximum(measured.signal, 0)

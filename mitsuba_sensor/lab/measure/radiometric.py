@@ -30,7 +30,7 @@ MOST_EFFICIENT = 0.9
 """Quantum efficiency that few sensors exceed."""
 TOO_EFFICIENT = "more electrons than photons"
 """In the note of a quantum efficiency above 1, which has no value."""
-EFFICIENCY = no_value("η", "quantum efficiency", "1", "EMVA 1288 R4 2.1")
+EFFICIENCY = no_value("η", "quantum efficiency", "", "EMVA 1288 R4 2.1")
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +140,9 @@ def _note_other_unit(efficiency: float) -> str:
 
 def find_stray(measured: Series, ends: Peak) -> tuple[NDArray[np.bool_], str]:
     """Which levels between 5 and 70 % of saturation have another light than is stated, and a note about them."""
-    used = np.flatnonzero(_select_levels(measured, ends, FITTED) & measured.inside)
+    moving = measured.of_flats("variance") > 0  # a stuck code does not tell the light
+    within = _select_levels(measured, ends, FITTED)
+    used = np.flatnonzero(within & measured.inside & moving)
     errors = np.hypot(measured.of_flats("light_error"), measured.of_darks("light_error"))
     found = stray_levels(measured.light[used], measured.signal[used], errors[used])
     stray = {int(used[number]): share for number, share in found.items()}

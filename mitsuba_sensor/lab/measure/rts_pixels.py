@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +15,6 @@ from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped
 from ..frames.stack import Stack
 from ..quantity import Quantity, share_interval
-from ..statistics.two_levels import TwoLevels, best_split, two_levels
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,13 +37,17 @@ MOST_BARS = 20
 """Standard errors in a plot."""
 PIXELS = 4096
 """Fitted at once: a bound of the memory."""
+STEPS = 40
+"""Steps of expectation and maximisation."""
+LEAST_SIGMA_DN = 0.41
+"""Of a level of whole codes: two neighbouring codes are then closer than APART and no two levels."""
 
 
 @dataclass(frozen=True, eq=False)
 class TelegraphPixels:
     """K pixels with two levels.
 
-    fraction : of all pixels [%].  step : median of the distances of the two levels [DN]; [e-] by :meth:`per_gain`.
+    fraction : of all pixels [%].  step : median of the distances of the two levels [DN].
     rows, columns : places, (K,).  steps, step_errors : distances and standard errors, (K,) in the unit of ``step``.
     shares, share_errors : of the frames in the upper level, (K,), with switching that is slower than the frames.
     detectable : step of a pixel that is in both levels equally long, from which on most are found.
@@ -64,16 +67,6 @@ class TelegraphPixels:
     def quantities(self) -> tuple[Quantity, ...]:
         """Fraction of the pixels and median step."""
         return self.fraction, self.step
-
-    def per_gain(self, gain_dn_per_e: float) -> TelegraphPixels:
-        """The same pixels with their steps in electrons."""
-        return replace(
-            self,
-            step=self.step.scaled(1 / gain_dn_per_e, "e-"),
-            steps=self.steps / gain_dn_per_e,
-            step_errors=self.step_errors / gain_dn_per_e,
-            detectable=self.detectable / gain_dn_per_e,
-        )
 
     def plot(self, ax: Axes) -> None:
         """Share of the frames in the upper level against the step, with standard errors of some."""
@@ -156,12 +149,12 @@ def _fit_pixels(
     drift = stack.frame_means - stack.frame_means.mean()
     whole = stack.frames.dtype.kind != "f" and float(np.ptp(drift)) < 0.5
     values = stack.frames[:, rows, columns].T - (0.0 if whole else drift)
-    split, _ = best_split(np.sort(values, axis=1))
+    split, _ = _best_split(np.sort(values, axis=1))
     may_jump = split < LARGEST_SPLIT
     values, rows, columns = values[may_jump], rows[may_jump], columns[may_jump]
     if not len(values):
         return np.zeros((6, 0))
-    fit = two_levels(values, whole, max(0.5 * math.sqrt(quiet_dn2), 0.1))
+    fit = _two_levels(values, max(0.5 * math.sqrt(quiet_dn2), LEAST_SIGMA_DN if whole else 0.1))
     step = fit.upper - fit.lower
     frames_in_rarer_level = np.minimum(fit.share, 1 - fit.share) * len(stack)
     chosen = fit.gain > limit
@@ -170,6 +163,57 @@ def _fit_pixels(
     step_errors, share_errors = _errors(fit, values)
     table = np.array([rows, columns, step, step_errors, fit.share, share_errors])
     return np.asarray(table[:, chosen])
+
+
+@dataclass(frozen=True, eq=False)
+class TwoLevels:
+    """Of K pixels: the two levels and their common σ [DN], the share of the frames in the upper one, and by how much
+    twice the log-likelihood exceeds that of one normal distribution; each (K,)."""
+
+    lower: Float64Array
+    upper: Float64Array
+    sigma: Float64Array
+    share: Float64Array
+    gain: Float64Array
+
+
+def _best_split(values: Float64Array) -> tuple[Float64Array, NDArray[np.intp]]:
+    """Least variance within two groups of the sorted values, over the whole variance, and the size of the lower group.
+
+    values : (K, N), sorted along N.
+    """
+    count = values.shape[1]
+    rest = values - values.mean(axis=1, keepdims=True)
+    sums = np.cumsum(rest, axis=1)[:, :-1]
+    sizes = np.arange(1, count)
+    between = np.square(sums) * count / (sizes * (count - sizes))
+    total = np.maximum(np.einsum("kn,kn->k", rest, rest), 1e-300)
+    return 1 - between.max(axis=1) / total, between.argmax(axis=1) + 1
+
+
+def _two_levels(values: Float64Array, least_sigma: float) -> TwoLevels:
+    """Two levels with normal noise fitted to (K, N) values by expectation and maximisation.
+
+    least_sigma : of each level [DN]; without one, levels of few values have any likelihood.
+    """
+    values = np.sort(values, axis=1)
+    _, low_count = _best_split(values)
+    up = (np.arange(values.shape[1]) >= low_count[:, None]).astype(np.float64)
+    for _ in range(STEPS):
+        share = np.clip(up.mean(axis=1, keepdims=True), 1e-9, 1 - 1e-9)
+        upper = (up * values).mean(axis=1, keepdims=True) / share
+        lower = ((1 - up) * values).mean(axis=1, keepdims=True) / (1 - share)
+        square = up * np.square(values - upper) + (1 - up) * np.square(values - lower)
+        sigma = np.maximum(np.sqrt(square.mean(axis=1, keepdims=True)), least_sigma)
+        in_upper = np.log(share) - 0.5 * np.square((values - upper) / sigma)
+        in_lower = np.log(1 - share) - 0.5 * np.square((values - lower) / sigma)
+        up = scipy.special.expit(in_upper - in_lower)
+    two = (np.logaddexp(in_upper, in_lower) - np.log(sigma)).sum(axis=1)
+    one_sigma = np.maximum(values.std(axis=1, keepdims=True), least_sigma)
+    rest = (values - values.mean(axis=1, keepdims=True)) / one_sigma
+    one = (-0.5 * np.square(rest) - np.log(one_sigma)).sum(axis=1)
+    lower, upper, sigma, share = (part[:, 0] for part in (lower, upper, sigma, share))
+    return TwoLevels(lower, upper, sigma, share, gain=2 * (two - one))
 
 
 def _errors(fit: TwoLevels, values: Float64Array) -> tuple[Float64Array, Float64Array]:

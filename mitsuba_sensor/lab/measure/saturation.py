@@ -178,7 +178,7 @@ def saturation(
     name = "absolute sensitivity threshold"
     threshold_photons = no_value("µ_p.min", name, "p", SECTION)
     threshold_electrons = no_value("µ_e.min", name, "e-", SECTION)
-    dynamic_range = no_value("DR", "dynamic range", "1", SECTION, note)
+    dynamic_range = no_value("DR", "dynamic range", "", SECTION, note)
 
     signal = _convert_peak(ends, measured, measured.signal, signal)
     threshold_electrons = _threshold(dark_noise, gain, threshold_electrons)
@@ -201,7 +201,7 @@ def saturation(
             electrons,
             symbol="SNR_max",
             name="maximum signal-to-noise ratio",
-            unit="1",
+            unit="",
             value=math.sqrt(electrons.value),
             low=math.sqrt(electrons.low),
             high=math.sqrt(electrons.high),

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from ...core.types import Float64Array
 from ..frames.series import Level
@@ -56,7 +57,11 @@ def stray_levels(
         kept = rest[best]
     if len(found) > max(1.0, MOST_SHARE * len(light)):
         return {}
-    curve = np.interp(light, light[kept], signal[kept])
+    if not found:
+        return {}
+    _, first = np.unique(light[kept], return_index=True)
+    line = scipy.interpolate.make_interp_spline(light[kept][first], signal[kept][first], k=1)
+    curve = line(light)
     return {number: float(signal[number] / curve[number] - 1) for number in sorted(found)}
 
 

@@ -114,22 +114,32 @@ def _fit(
 class StraightLine:
     """offset + slope·x, of weighted least squares.
 
-    slope_error : standard error.  freedom : degrees of freedom that it comes from, infinite where the errors are known.
+    slope_error, offset_error : standard errors.  freedom : degrees of freedom that they come from, infinite where the
+    errors are known.
     crooked : the points scatter by more than their errors; the standard error then comes from the scatter.
     """
 
     slope: float
     offset: float
     slope_error: float
+    offset_error: float
     freedom: float
     crooked: bool
 
     @property
     def interval(self) -> tuple[float, float, float]:
         """(value, low, high) of the slope."""
+        return self._interval(self.slope, self.slope_error)
+
+    @property
+    def offset_interval(self) -> tuple[float, float, float]:
+        """(value, low, high) of the offset."""
+        return self._interval(self.offset, self.offset_error)
+
+    def _interval(self, value: float, error: float) -> tuple[float, float, float]:
         if math.isinf(self.freedom):
-            return normal_interval(self.slope, self.slope_error)
-        return student_interval(self.slope, self.slope_error, self.freedom)
+            return normal_interval(value, error)
+        return student_interval(value, error, self.freedom)
 
     @property
     def note(self) -> str:
@@ -159,10 +169,9 @@ def straight_line(
     offset = float(weight @ y / total) - slope * centre
     scatter, free = float(weight @ (y - offset - slope * x) ** 2), len(x) - 2
     crooked = errors_known and free > 0 and float(scipy.special.chdtrc(free, scatter)) < CROOKED
+    slope_error, offset_error = power**-0.5, math.sqrt(1 / total + centre**2 / power)
     if errors_known and not crooked:
-        return StraightLine(slope, offset, power**-0.5, freedom, False)
-    if free:
-        slope_error = math.sqrt(scatter / free / power)
-    else:
-        slope_error = math.inf
-    return StraightLine(slope, offset, slope_error, max(free, 1), crooked)
+        return StraightLine(slope, offset, slope_error, offset_error, freedom, False)
+    wider = math.sqrt(scatter / free) if free else math.inf
+    ends = slope_error * wider, offset_error * wider
+    return StraightLine(slope, offset, *ends, max(free, 1), crooked)

@@ -129,8 +129,14 @@ def _relative_distances(term: MeanSquare) -> tuple[float, float]:
 
 
 def root(terms: Iterable[MeanSquare], scale: float = 1.0) -> tuple[float, float, float]:
-    """(value, low, high) of the square root of a variance, times a factor; 0 where the variance is negative."""
-    value, low, high = (math.sqrt(max(0.0, variance)) * scale for variance in combined(terms))
+    """(value, low, high) of the square root of a variance, times a factor; 0 where the variance is negative.
+
+    A variance whose whole interval is negative has what its noise allows as an upper limit.
+    """
+    variance, least, most = combined(terms)
+    if most < 0:
+        most -= variance
+    value, low, high = (math.sqrt(max(0.0, x)) * scale for x in (variance, least, most))
     return value, low, high
 
 

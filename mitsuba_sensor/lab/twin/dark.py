@@ -1,73 +1,49 @@
-"""Black level, offsets and dark current: each pixel's mean in the dark as a line over the exposure time."""
+"""Black level, offsets, dark current and temporal noise in the dark, with the maps of offsets and dark current."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...core import InputError
 from ...core.types import Float64Array
-from ..frames.rounding import ROUNDING_DN2
+from ..frames.clipping import mark_rounding
 from ..frames.stack import Stack
-from ..measure.curved_response import straight
-from ..measure.dark_current import errors_of_means
-from ..quantity import Quantity, no_value, normal_interval, student_interval, unknown
-from ..statistics.families import FAMILIES
-from ..statistics.mean_squares import MeanSquares, temporal_mean_squares
-from .combined_map import CombinedMap, Noise
+from ..measure.dark_current import dark_current, errors_of_means
+from ..measure.dark_signal import distributions_of
+from ..quantity import Quantity, no_value, student_interval, unknown
+from ..statistics.mean_squares import MeanSquare, MeanSquares, root, temporal_mean_squares
 from .evidence import Fitted, frames_of
+from .maps import CombinedMap
 
 SECTION = "fit"
-FAMILY_NAMES = {
-    "normal": "gaussian",
-    "log-normal": "lognormal",
-    "gamma": "gamma",
-    "inverse Gaussian": "wald",
-}
-"""Distributions of the laboratory → those of a camera file."""
-EXCESS: dict[str, Callable[[float], float]] = {
-    "gaussian": lambda cv: 0.0,
-    "lognormal": lambda cv: (1 + cv**2) ** 4 + 2 * (1 + cv**2) ** 3 + 3 * (1 + cv**2) ** 2 - 6,
-    "gamma": lambda cv: 6 * cv**2,
-    "wald": lambda cv: 15 * cv**2,
-}
-"""Excess kurtosis: a sample variance is as many halves of it less certain than of normal values, in variance."""
+READ = no_value("σ_read", "read noise of the pixels, rms", "DN", SECTION)
+FRAME = no_value("σ_frame", "jitter of the black level from frame to frame", "DN", SECTION)
 CLEAR = 3.0
 """Spread of the dark current over what averaging left of noise, from which on its distribution is looked at."""
-SAME_S = 0.01
-"""Exposure times up to this above the shortest are as good for the read noise [s]."""
-NOTED_DN = 1e-3
-"""Shift of the black level from which on rounding is noted."""
-MOST_VALUES = 2**18
-NEGATIVE = 5e-3
-"""Share of pixels without a positive dark current, above which no distribution of positive values is compared."""
 
 
 @dataclass(frozen=True, eq=False)
 class Dark:
-    """What dark frames of one temperature and gain show.
+    """What dark frames of one temperature show.
 
-    black : code of darkness at exposure time 0 [DN].  offsets : of the pixels there [DN].
-    rate : mean dark signal [DN/s].  cv : its σ over mean from pixel to pixel.  rates : of the pixels [DN/s], or None.
-    family : distribution of the rates, None where it is not told apart.
-    quiet : the stack that shows the temporal noise, and its mean squares.  notes : what restricts all of them.
+    black : at exposure time 0 [DN].  rate : mean dark signal [DN/s].  cv : its σ over mean from pixel to pixel.
+    offsets, rates : of the pixels [DN, DN/s]; rates None for one exposure time.
+    distribution : of the rates, as a camera file names it, or None.  quiet : the stack that shows the temporal noise.
     """
 
     black: Fitted
-    offsets: CombinedMap
     rate: Fitted
     cv: Fitted
+    offsets: CombinedMap
     rates: CombinedMap | None
-    family: str | None
+    distribution: str | None
     quiet: Stack
-    squares: MeanSquares
-    notes: tuple[str, ...]
 
     def window(self, rows: slice, columns: slice) -> Dark:
-        """Offsets and rates of some rows and columns; the temporal noise is that of all."""
+        """Offsets and rates of some rows and columns."""
         offsets = replace(self.offsets, image=self.offsets.image[rows, columns])
         rates = self.rates
         if rates is not None:
@@ -80,70 +56,58 @@ class Dark:
             return self.offsets.image
         return self.offsets.image + exposure_s * self.rates.image
 
+    def dsnu(self, part: str) -> Fitted:
+        """DSNU of the ``pixel``, ``row`` or ``col`` offsets [DN]."""
+        name = "dark signal non-uniformity"
+        spread = self.offsets.spread()[part]
+        dsnu = Quantity(f"DSNU_{part}", name, *spread, "DN", SECTION)
+        return self.black.known_as(mark_rounding(dsnu, self.quiet))
 
-def dark_over_time(stacks: Sequence[Stack], curvature: float = 0.0) -> Dark:
-    """Each pixel's line over time from bias and dark stacks of one temperature.
 
-    curvature : κ of the response [1/DN], for long exposures.
-    Raises InputError where no stack has 2 frames inside of the range.
-    """
-    used, notes = usable(stacks)
-    squares = [temporal_mean_squares(stack) for stack in used]
-    times = np.array([stack.exposure_s for stack in used])
-    counts = np.array([len(stack) for stack in used])
-    means = np.array([float(stack.frame_means.mean()) for stack in used])
-    errors, freedom = errors_of_means(used, squares)
-    later = times > times.min() + SAME_S
-    quiet = min(range(len(used)), key=lambda k: (later[k], -counts[k]))
-    bend = Bend(float(means[quiet]), curvature)
-    means = bend.straight(means)
-    at_zero, per_second = line_weights(times, counts / _pixel_variances(squares))
-
-    black = Quantity(
-        "black",
-        "black level",
-        *_weighted_sum(means, errors, at_zero, freedom),
-        "DN",
-        SECTION,
-    )
-    rate = Quantity(
-        "µ_I",
-        "dark signal",
-        *_weighted_sum(means, errors, per_second, freedom),
-        "DN/s",
-        SECTION,
-    )
-    offsets, rates = _combine(used, squares, at_zero, bend), None
-    if per_second.any():
-        rates = _combine(used, squares, per_second, bend)
-        if rate.low <= 0:
-            value, high = max(rate.value, 0.0), max(rate.high, 0.0)
-            rate = replace(rate, value=value, low=0.0, high=high).noted("not told from 0")
+def dark_over_time(stacks: Sequence[Stack]) -> Dark:
+    """Black level, dark current and their maps from bias and dark stacks of one temperature."""
+    squares = [temporal_mean_squares(stack) for stack in stacks]
+    times = np.array([stack.exposure_s for stack in stacks])
+    counts = np.array([len(stack) for stack in stacks])
+    quiet = min(stacks, key=lambda stack: (stack.exposure_s, -len(stack)))
+    frames = frames_of(*stacks)
+    black = no_value("black", "black level", "DN", SECTION)
+    rate = no_value("µ_I", "dark current from the mean", "DN/s", SECTION)
+    several_times = len(set(times.tolist())) > 1
+    if several_times:
+        current = dark_current(stacks)
+        _, low, high = current.line.offset_interval
+        black = replace(black, value=current.line.offset, low=low, high=high)
+        rate = replace(current.from_mean, symbol=rate.symbol)
     else:
         why = "one exposure time: dark current is part of the black level"
-        rate, black = unknown(rate, why), black.noted(why)
-    cv, family = _nonuniformity(rates, rate)
-    frames = frames_of(*used)
+        errors, freedom = errors_of_means(stacks, squares)
+        weights = counts / counts.sum()
+        mean = sum(
+            float(stack.frame_means.mean()) * w
+            for stack, w in zip(stacks, weights, strict=True)
+        )
+        error = math.sqrt(float(weights**2 @ errors**2))
+        _, low, high = student_interval(mean, error, min(freedom, 1e9))
+        black = replace(black, value=mean, low=low, high=high, note=why)
+        rate = unknown(rate, why)
+    variances = [max(sum(term.value for term in one.variance()), 1e-9) for one in squares]
+    at_zero, per_second = _line_weights(times, counts / np.array(variances))
+    offsets = _combine(stacks, squares, at_zero)
+    rates = _combine(stacks, squares, per_second) if several_times else None
+    cv, distribution = _nonuniformity(rates, rate, stacks)
     return Dark(
-        black=Fitted(_mark_black(black, used[quiet], notes), frames),
-        offsets=offsets,
+        black=Fitted(black, frames),
         rate=Fitted(rate, frames),
         cv=Fitted(cv, frames),
+        offsets=offsets,
         rates=rates,
-        family=family,
-        quiet=used[quiet],
-        squares=squares[quiet],
-        notes=tuple(notes),
+        distribution=distribution,
+        quiet=quiet,
     )
 
 
-def _pixel_variances(squares: Sequence[MeanSquares]) -> Float64Array:
-    """Temporal variance of a pixel in each stack [DN²], at least a little."""
-    variances = [sum(term.value for term in part.variance()) for part in squares]
-    return np.array([max(variance, 1e-9) for variance in variances])
-
-
-def line_weights(
+def _line_weights(
     times: Float64Array, weights: Float64Array
 ) -> tuple[Float64Array, Float64Array]:
     """What a line through weighted points takes of each for its value at time 0, and for its slope (0 for one time)."""
@@ -154,117 +118,76 @@ def line_weights(
     return weights * (s2 - s1 * times) / det, weights * (s0 * times - s1) / det
 
 
-def usable(stacks: Sequence[Stack]) -> tuple[list[Stack], list[str]]:
-    """The stacks with 2 frames or more and no clipped values, and notes on the others.
-
-    Raises InputError where there is none.
-    """
-    inside: list[Stack] = []
-    left_out: list[Stack] = []
-    for stack in stacks:
-        suits = len(stack) > 1 and stack.clipping.usable
-        (inside if suits else left_out).append(stack)
-    if not inside:
-        reasons = "; ".join(
-            f"{stack.source}: {stack.clipping.note or f'{len(stack)} frame'}"
-            for stack in stacks[:3]
-        )
-        raise InputError(
-            f"no dark stack has 2 frames or more inside of the ADC's range ({reasons}); take others."
-        )
-    notes = [
-        f"{stack.source} left out: {stack.clipping.note or 'one frame'}" for stack in left_out
-    ]
-    return inside, notes
-
-
-def _weighted_sum(
-    means: Float64Array, errors: Float64Array, weights: Float64Array, freedom: float
-) -> tuple[float, float, float]:
-    """(value, low, high) of a sum with weights of independent means."""
-    value, error = float(weights @ means), math.sqrt(float(weights**2 @ errors**2))
-    if math.isinf(freedom):
-        return normal_interval(value, error)
-    return student_interval(value, error, freedom)
-
-
-def _mark_black(black: Quantity, quiet: Stack, notes: Sequence[str]) -> Quantity:
-    """The black level with what clipping and rounding do to it.
-
-    The mean of rounded normal values is off by exp(−2π²σ²)/π at most.
-    """
-    for note in notes:
-        black = black.noted(note)
-    if quiet.frames.dtype.kind == "f":
-        return black
-    variance = max(float(quiet.variance.mean() + quiet.mean.var()) - ROUNDING_DN2, 0.0)
-    bound = math.exp(-2 * math.pi**2 * variance) / math.pi
-    if bound < NOTED_DN:
-        return black
-    wide = replace(black, low=black.low - bound, high=black.high + bound)
-    return wide.noted(f"rounding may shift it by up to {bound:.2g} DN")
-
-
-@dataclass(frozen=True)
-class Bend:
-    """A curved response above the black level [DN].  curvature : κ [1/DN]."""
-
-    black: float
-    curvature: float
-
-    def straight(self, values: Float64Array) -> Float64Array:
-        """The values that a linear response would have given."""
-        if not self.curvature:
-            return values
-        return self.black + straight(values - self.black, self.curvature)
-
-
 def _combine(
-    stacks: Sequence[Stack], squares: Sequence[MeanSquares], weights: Float64Array, bend: Bend
+    stacks: Sequence[Stack], squares: Sequence[MeanSquares], weights: Float64Array
 ) -> CombinedMap:
     """Weighted sum of the stacks' means, and the temporal noise that is left in it."""
     image = np.zeros(stacks[0].shape)
-    noises: list[Noise] = []
-    for stack, stack_squares, weight in zip(stacks, squares, weights, strict=True):
-        image += weight * bend.straight(stack.mean)
-        if weight:
-            noises.append(Noise(stack_squares, float(weight**2) / len(stack)))
+    noises: list[tuple[MeanSquares, float]] = []
+    for stack, stack_squares, weight in zip(stacks, squares, weights.tolist(), strict=True):
+        image += weight * stack.mean
+        noises.append((stack_squares, weight**2 / len(stack)))
     return CombinedMap(image, tuple(noises))
 
 
-def _nonuniformity(rates: CombinedMap | None, rate: Quantity) -> tuple[Quantity, str | None]:
+def _nonuniformity(
+    rates: CombinedMap | None, rate: Quantity, stacks: Sequence[Stack]
+) -> tuple[Quantity, str | None]:
     """cv and distribution of the rates of the pixels."""
-    like = no_value("D_N", "non-uniformity of the dark current", "", SECTION)
-    if rates is None or not rate.low > 0:
-        return unknown(like, "dark current is not told from 0"), None
-    value, low, high = rates.spread()["all"]
-    noise = math.sqrt(max(float(rates.image.var()) - value**2, 0.0))
-    family, wider = None, 1.0
-    if low > 0 and value > CLEAR * noise:
-        family = _likeliest_family(rates.image)
-    if family is not None:
-        wider = math.sqrt(1 + EXCESS[family](value / rate.value) / 2)
-    cv = replace(
-        like,
-        value=value,
-        low=max(value + wider * (low - value), 0.0),
-        high=max(value + wider * (high - value), 0.0),
+    cv = no_value("D_N", "non-uniformity of the dark current", "", SECTION)
+    coarse = next((stack.coarse for stack in stacks if stack.coarse), "")
+    if rates is None or not rate.low > 0 or coarse:
+        return unknown(cv, coarse or "dark current is not told from 0"), None
+    spread = rates.spread()["all"]
+    cv = replace(cv, value=spread[0], low=spread[1], high=spread[2], unit="DN/s").divided(
+        rate, ""
     )
-    cv = cv.divided(rate, "")
+    noise = math.sqrt(max(float(rates.image.var()) - spread[0] ** 2, 0.0))
+    if not spread[1] > 0 or spread[0] <= CLEAR * noise:
+        return cv, None
+    positive = np.sort(rates.image[rates.image > 0])
+    name = distributions_of(positive)[0].name
+    return cv, {
+        "normal": "gaussian",
+        "log-normal": "lognormal",
+        "inverse Gaussian": "wald",
+    }.get(name, name)
+
+
+def read_noise(dark: Dark, pixel: Quantity, gain: Quantity) -> Quantity:
+    """σ of a pixel alone without the shot noise of the dark current [DN]."""
+    if not math.isfinite(pixel.value):
+        return unknown(READ, pixel.note)
+    shot_dn2, error_dn2 = 0.0, 0.0
+    if dark.rate.known:
+        rate, seconds = dark.rate.quantity, dark.quiet.exposure_s
+        shot_dn2 = max(gain.value * rate.value * seconds, 0.0)
+        error_dn2 = gain.value * 0.5 * (rate.high - rate.low) * seconds
+    middle = pixel.value**2 - shot_dn2
+    down = math.hypot(pixel.value**2 - pixel.low**2, error_dn2)
+    up = math.hypot(pixel.high**2 - pixel.value**2, error_dn2)
+    value, low, high = (math.sqrt(max(v, 0.0)) for v in (middle, middle - down, middle + up))
+    return replace(READ, value=value, low=low, high=high, note=pixel.note)
+
+
+def frame_noise(stacks: Sequence[Stack]) -> Fitted:
+    """σ of the frames' means beyond what rows, columns and pixels leave in them, of all dark stacks together.
+
+    Between stacks the black level may drift: only what scatters within them counts.
+    """
+    freedom = sum(len(stack) - 1 for stack in stacks)
+    coarse = next((stack.coarse for stack in stacks if stack.coarse), "")
+    if coarse:
+        return Fitted(unknown(FRAME, coarse), frames_of(*stacks))
+    between = within = 0.0
+    for stack in stacks:
+        share = (len(stack) - 1) / freedom
+        between += share * float(stack.frame_means.var(ddof=1))
+        within += share * temporal_mean_squares(stack).variance_of_mean()
+    lines = freedom * (min(stacks[0].shape) - 1)
+    terms = [MeanSquare(between, freedom), -MeanSquare(within, max(lines, 1))]
+    value, low, high = root(terms)
+    figure = replace(FRAME, value=value, low=low, high=high)
     if not low > 0:
-        cv = cv.noted("not told from 0")
-    return cv, family
-
-
-def _likeliest_family(image: Float64Array) -> str | None:
-    """The family with the smallest BIC, which is the likeliest: all have two parameters."""
-    values = image.ravel()[:: max(1, image.size // MOST_VALUES)]
-    positive = values[values > 0]
-    if 1 - positive.size / values.size > NEGATIVE:
-        return None
-    weights = np.ones(positive.size)
-    likelihoods: dict[str, float] = {}
-    for name, family in FAMILIES.items():
-        parameters = family.fit(positive, weights)
-        likelihoods[name] = float(family.log_density(positive, parameters).sum())
-    return FAMILY_NAMES[max(likelihoods, key=lambda name: likelihoods[name])]
+        figure = replace(figure, value=0.0).noted("not told from 0")
+    return Fitted(figure, frames_of(*stacks))

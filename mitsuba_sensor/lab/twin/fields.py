@@ -2,17 +2,51 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from ..quantity import Quantity
+from ..frames.stack import ROUNDING_DN2
 from .evidence import Fitted
+from .read_law import NORMAL_TAU4, tukey_shape
 from .setting import Setting
 
 ASSUMED_K = 298.15
 """Temperature that frames are taken to have where they do not say."""
 BEYOND = 2.0
 """Full well over the largest signal, where the ADC ends first: far enough that it never does."""
+NORMAL_SHAPE = tukey_shape(NORMAL_TAU4)
+"""λ of Tukey's law with the τ₄ of a normal one: 0.142."""
+NO_FLAT = "no flat field near half saturation"
+NOT_SHOWN: dict[str, Any] = {
+    "pixel.prnu_distribution": "gaussian",
+    "pixel.prnu_coupling": 0.0,
+    "pixel.full_well_knee_e": 0.0,
+    "pixel.dsnu_coupling": 0.0,
+    "dark_current.fom_na_per_cm2": None,
+    "dark_current.diffusion_fom_na_per_cm2": None,
+    "dark_current.components": None,
+    "dark_current.rts_at_temperature_k": None,
+    "dark_current.coupling": 0.0,
+    "dark_current.rts_fraction": 0.0,
+    "source_follower.white_nv_per_rthz": None,
+    "source_follower.band_hz": None,
+    "source_follower.read_noise_cv": 0.0,
+    "source_follower.noisy_pixel_fraction": 0.0,
+    "source_follower.noisy_pixel_factor": 1.0,
+    "source_follower.rtn_uv": 0.0,
+    "source_follower.rtn_pixel_fraction": 0.0,
+    "readout.ktc_residual": None,
+    "readout.dsnu_col_coupling": 0.0,
+    "readout.dsnu_row_coupling": 0.0,
+    "readout.dsnu_residual": 1.0,
+    "readout.prnu_col_coupling": 0.0,
+    "readout.ve_nonlinearity": 0.0,
+    "adc.gamma": None,
+    "adc.ile": None,
+    "adc.dnl_lsb": None,
+}
+"""Fields of effects that the fitted figures contain, or that the twin does not have; None unsets one."""
 
 
 class Value(NamedTuple):
@@ -23,176 +57,96 @@ class Value(NamedTuple):
     source: str = ""
 
 
-def fields_of(setting: Setting) -> Iterator[Value]:
-    """Everything that frames show, and what must not be in the file beside it."""
-    yield from _sensor(setting)
-    yield from _pixel(setting)
-    yield from _dark(setting)
-    yield from _noise(setting)
-    yield from _converter(setting)
+def fields_of(setting: Setting, tails: bool = False) -> Iterator[Value]:
+    """Everything that frames show, and what must not be in the file beside it.
+
+    tails : whether the read noise has Tukey's law, as other settings of the ladder have.
+    """
+    for name, value in NOT_SHOWN.items():
+        yield Value(name, value)
+    yield Value("sensor.rows", setting.shape[0], "fit: the size of the frames")
+    yield Value("sensor.columns", setting.shape[1], "fit: the size of the frames")
+    electrons, dark, well_e = setting.electrons, setting.dark, full_well(setting).value
+    yield _fitted("pixel.prnu", setting.prnu("pixel"), NO_FLAT)
+    yield _fitted("readout.prnu_col", setting.prnu("col"), NO_FLAT)
+    yield full_well(setting)
+    yield _fitted("pixel.dsnu_e", electrons(dark.dsnu("pixel")))
+    for part in ("row", "col"):
+        dsnu = electrons(dark.dsnu(part))
+        share = dsnu.quantity.scaled(1 / well_e, "full wells")
+        yield _fitted(f"readout.dsnu_{part}", dsnu.known_as(share))
+    yield from _dark_current(setting)
+    yield read_noise_e(setting)
+    law, shape = setting.law, setting.law.value
+    tails = tails or math.isfinite(shape)
+    name = "tukey_lambda" if tails else "normal"
+    yield Value("source_follower.read_noise_distribution", name, f"fit: {law.note}")
+    value = (shape if math.isfinite(shape) else NORMAL_SHAPE) if tails else None
+    yield Value("source_follower.read_noise_shape", value, f"fit: {law.note}" if tails else "")
+    yield _fitted("readout.row_noise_e", electrons(setting.row))
+    yield _fitted("readout.column_noise_e", electrons(setting.column))
+    yield _fitted("readout.frame_noise_e", electrons(setting.frame))
+    in_read_noise = "fit: all noise of the dark frames is in read_noise_e"
+    yield Value("readout.reset", "true_cds", in_read_noise)
+    yield _gain_ratio(setting, well_e)
+    bits_source = "the metadata"
+    if not setting.bits_known:
+        bits_source = "assumed: the fewest that hold the largest code"
+    yield Value("adc.bits", setting.bits, bits_source)
+    yield _fitted("adc.black_level_dn", dark.black)
 
 
 def full_well(setting: Setting) -> Value:
     """Full well of a setting where it ends the range, or a value beyond the ADC's range."""
     brightest = setting.brightest
     end = setting.electrons(brightest.end)
-    if brightest.knee is not None:
-        well_e = setting.knee_figure("full_well").quantity
-        return Value("pixel.full_well_e", well_e.value, setting.knee_figure("full_well").source)
     if brightest.limited_by == "well":
         return Value("pixel.full_well_e", end.quantity.value, end.source)
-    where = "the brightest flat field is"
-    if brightest.limited_by == "ADC":
-        where = "the ADC ends"
+    where = "the ADC ends" if brightest.limited_by == "ADC" else "the brightest flat field is"
     text = f"assumed: {BEYOND:g} times {end.quantity.value:.4g} e-, where {where}; {end.frames}"
     return Value("pixel.full_well_e", BEYOND * end.quantity.value, text)
 
 
-def _sensor(setting: Setting) -> Iterator[Value]:
-    rows, columns = setting.shape
-    yield Value("sensor.rows", rows, "fit: the size of the frames")
-    yield Value("sensor.columns", columns, "fit: the size of the frames")
+def read_noise_e(setting: Setting) -> Value:
+    """Read noise; where rounding hides it, what the variance of the codes exceeds 1/12 DN² by is assumed."""
+    name, read = "source_follower.read_noise_e", setting.electrons(setting.read)
+    if read.known:
+        return _fitted(name, read)
+    variance = float(setting.dark.quiet.variance.mean())
+    assumed = math.sqrt(max(variance - ROUNDING_DN2, 0.0)) / setting.gain.quantity.value
+    return Value(name, assumed, f"assumed: {read.quantity.note}")
 
 
-def _pixel(setting: Setting) -> Iterator[Value]:
-    yield _fitted("pixel.prnu", setting.prnu("pixel"), "no flat field near half saturation")
-    yield Value("pixel.prnu_distribution", "gaussian")
-    yield Value("pixel.prnu_coupling", 0.0)
-    yield full_well(setting)
-    yield _fitted(
-        "pixel.full_well_knee_e",
-        setting.knee_figure("knee"),
-        "a clip gives the variances as well",
-    )
-    yield _fitted("pixel.dsnu_e", setting.electrons(_offsets(setting, "pixel")), "")
-    yield Value("pixel.dsnu_coupling", 0.0)
-
-
-def _offsets(setting: Setting, part: str) -> Fitted:
-    """DSNU of the pixels, rows or columns [DN]."""
-    value, low, high = setting.dark.offsets.spread()[part]
-    dsnu = Quantity(f"DSNU_{part}", "dark signal non-uniformity", value, low, high, "DN", "fit")
-    if low == 0:
-        dsnu = dsnu.noted("not told from 0")
-    return setting.dark.black.known_as(dsnu)
-
-
-def _dark(setting: Setting) -> Iterator[Value]:
+def _dark_current(setting: Setting) -> Iterator[Value]:
+    """Rate, temperature, doubling, spread and distribution of the dark current."""
     dark = setting.dark
-    for name in ("fom_na_per_cm2", "diffusion_fom_na_per_cm2", "components"):
-        yield Value(f"dark_current.{name}", None)
-    yield Value("dark_current.rts_at_temperature_k", None)
-    yield _fitted("dark_current.rate_e_per_s", setting.electrons(dark.rate, "e-/s"), "")
-    if setting.temperature_k is None:
+    yield _fitted("dark_current.rate_e_per_s", setting.electrons(dark.rate))
+    kelvin, source = dark.quiet.temperature_k, "fit: the temperature of the frames"
+    if kelvin is None:
         kelvin, source = ASSUMED_K, "assumed: frames do not say it"
-    else:
-        kelvin, source = setting.temperature_k, "fit: the temperature of the frames"
     yield Value("dark_current.at_temperature_k", kelvin, source)
-    doubling = setting.doubling
-    if doubling is not None:
+    if setting.doubling is not None:
+        doubling = setting.doubling
         yield Value("dark_current.doubling_k", doubling.quantity.value, doubling.source)
-    yield _fitted("dark_current.cv", dark.cv, "")
+    yield _fitted("dark_current.cv", dark.cv)
     family, source = "lognormal", "assumed: frames do not tell it"
-    if dark.family:
-        family, source = dark.family, f"fit: smallest BIC of four, {dark.rate.frames}"
+    if dark.distribution:
+        family, source = dark.distribution, f"fit: smallest BIC of four, {dark.rate.frames}"
     yield Value("dark_current.distribution", family, source)
-    yield Value("dark_current.coupling", 0.0)
-    yield from _telegraph(setting)
 
 
-def _telegraph(setting: Setting) -> Iterator[Value]:
-    traps = setting.telegraph
-    if traps is None:
-        yield Value("dark_current.rts_fraction", 0.0)
-        return
-    yield _fitted("dark_current.rts_fraction", traps.share, "")
-    step = setting.electrons(traps.step, "e-/s")
-    yield _fitted("dark_current.rts_amplitude_e_per_s", step, "")
-    yield _fitted("dark_current.rts_switching", traps.switching, "")
-    yield _fitted("dark_current.rts_duty", traps.duty, "")
-
-
-def _noise(setting: Setting) -> Iterator[Value]:
-    noise, shape = setting.noise, setting.noise.shape
-    yield Value("source_follower.white_nv_per_rthz", None)
-    yield Value("source_follower.band_hz", None)
-    yield _fitted("source_follower.read_noise_e", setting.electrons(noise.read), "")
-    yield _fitted("source_follower.read_noise_cv", noise.cv, "")
-    yield Value("source_follower.read_noise_distribution", noise.law.name, noise.law.said)
-    if shape.known:
-        yield Value("source_follower.read_noise_shape", shape.quantity.value, shape.source)
-    else:
-        yield Value("source_follower.read_noise_shape", None)
-    yield from _noisy_pixels(setting)
-    yield Value("source_follower.rtn_uv", 0.0)
-    yield Value("source_follower.rtn_pixel_fraction", 0.0)
-    yield _fitted("readout.row_noise_e", setting.electrons(noise.row), "")
-    yield _fitted("readout.column_noise_e", setting.electrons(noise.column), "")
-    yield _fitted("readout.frame_noise_e", setting.electrons(setting.frame), "")
-    yield Value(
-        "readout.reset", "true_cds", "fit: all noise of the dark frames is in read_noise_e"
-    )
-    yield Value("readout.ktc_residual", None)
-
-
-def _converter(setting: Setting) -> Iterator[Value]:
-    well_e = full_well(setting).value
-    for name in ("col", "row"):
-        offsets = setting.electrons(_offsets(setting, name))
-        share = offsets.known_as(offsets.quantity.scaled(1 / well_e, "full wells"))
-        yield _fitted(f"readout.dsnu_{name}", share, "")
-        yield Value(f"readout.dsnu_{name}_coupling", 0.0)
-    yield Value("readout.dsnu_residual", 1.0)
-    columns = setting.prnu("column")
-    yield _fitted("readout.prnu_col", columns, "no flat field near half saturation")
-    yield Value("readout.prnu_col_coupling", 0.0)
-    yield Value("readout.ve_nonlinearity", 0.0)
+def _gain_ratio(setting: Setting, well_e: float) -> Value:
+    """γ of the file, which is that at the full well, from γ at the largest signal."""
     ratio = setting.brightest.ratio
     source = ratio.source
     if ratio.quantity.value == 1:
         source = f"fit: no curvature, {ratio.frames}"
-    gamma = _ratio_at_full_well(ratio.quantity.value, setting, well_e)
-    yield Value("source_follower.vv_nonlinearity", gamma, source)
-    bits_source = "assumed: the fewest that hold the largest code"
-    if setting.bits_known:
-        bits_source = "the metadata"
-    yield Value("adc.bits", setting.bits, bits_source)
-    yield _fitted("adc.black_level_dn", setting.dark.black, "")
-    for name in ("gamma", "ile"):
-        yield Value(f"adc.{name}", None)
-    yield _code_widths(setting)
+    largest_e = setting.brightest.end.quantity.value / setting.gain.quantity.value
+    gamma = 1 + (ratio.quantity.value - 1) * well_e / largest_e
+    return Value("source_follower.vv_nonlinearity", gamma, source)
 
 
-def _code_widths(setting: Setting) -> Value:
-    """Widths of the codes where the response is that of the noise; all alike elsewhere."""
-    brightest = setting.brightest
-    if brightest.curve is None:
-        return Value("adc.dnl_lsb", None)
-    widths = brightest.curve.widths(setting.dark.black.quantity.value, setting.bits)
-    return Value("adc.dnl_lsb", widths, f"fit: response by the noise, {brightest.gain.frames}")
-
-
-def _noisy_pixels(setting: Setting) -> Iterator[Value]:
-    """Share and factor of the noisy pixels, or none."""
-    noise = setting.noise
-    yield _fitted("source_follower.noisy_pixel_fraction", noise.noisy, "")
-    if noise.factor.known:
-        yield Value(
-            "source_follower.noisy_pixel_factor",
-            noise.factor.quantity.value,
-            noise.factor.source,
-        )
-    else:
-        yield Value("source_follower.noisy_pixel_factor", 1.0)
-
-
-def _ratio_at_full_well(ratio: float, setting: Setting, well_e: float) -> float:
-    """γ of the file, which is that at the full well, from γ at the largest signal."""
-    largest = setting.brightest.end.quantity.value / setting.gain.quantity.value
-    return 1 + (ratio - 1) * well_e / largest
-
-
-def _fitted(name: str, figure: Fitted, why: str) -> Value:
+def _fitted(name: str, figure: Fitted, why: str = "") -> Value:
     """The fitted value, or 0 with the reason."""
     if figure.known:
         return Value(name, max(figure.quantity.value, 0.0), figure.source)

@@ -17,9 +17,7 @@ from ..frames.bench import Bench, read_bench
 from ..frames.notes import merged
 from ..frames.stack import Stack
 from .evidence import Fitted
-from .fields import Value, fields_of, full_well
-from .maps import maps_of
-from .noise_law import of_one_family
+from .fields import NORMAL_SHAPE, Value, fields_of, full_well, read_noise_e
 from .setting import Setting, fit_setting
 
 NAME = "twin"
@@ -73,7 +71,7 @@ class Twin:
     @property
     def maps(self) -> dict[str, Float64Array]:
         """Measured maps of the base setting, for ``ms.expose(…, maps=twin.maps)``."""
-        return maps_of(self.base)
+        return self.base.maps
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -89,22 +87,16 @@ class Twin:
     def figures(self) -> dict[str, Fitted]:
         """All figures with intervals, by symbol, of the base setting."""
         setting = self.base
-        noise, dark = setting.noise, setting.dark
-        figures = {"K": setting.gain, "black": dark.black}
-        for sigma in (noise.read, noise.row, noise.column):
-            figures[sigma.quantity.symbol] = setting.electrons(sigma)
-        figures["cv_read"] = noise.cv
-        figures["noisy"], figures["σ_noisy/σ"] = noise.noisy, noise.factor
-        figures["σ_frame"] = setting.electrons(setting.frame)
-        for part in ("pixel", "row", "column"):
-            figures[f"PRNU_{part}"] = setting.prnu(part)
-        figures[noise.law.shape.symbol] = noise.shape
-        figures["µ_I"] = setting.electrons(dark.rate, "e-/s")
-        figures["D_N"] = dark.cv
-        figures["µ_e.end"] = setting.electrons(setting.brightest.end)
-        figures["µ_e.well"] = setting.knee_figure("full_well")
-        figures["w"] = setting.knee_figure("knee")
-        return {symbol: figure for symbol, figure in figures.items() if figure.known}
+        dark, end = setting.dark, setting.brightest.end
+        in_dn = [setting.read, setting.row, setting.column, setting.frame, dark.rate]
+        in_dn += [dark.dsnu(part) for part in ("pixel", "row", "col")]
+        in_dn.append(end.known_as(replace(end.quantity, symbol="µ_e.end")))
+        figures = [setting.gain, dark.black, dark.cv, setting.read.known_as(setting.law)]
+        figures += map(setting.electrons, in_dn)
+        figures += map(setting.prnu, ("pixel", "row", "col"))
+        black = dark.black
+        figures[1] = black.known_as(replace(black.quantity, symbol="black"))
+        return {figure.quantity.symbol: figure for figure in figures if figure.known}
 
     def tables(self, like: Mapping[str, Any] | None = None) -> dict[str, Any]:
         """The tables of a camera file, for ``ms.load_camera(twin.tables())``.
@@ -115,7 +107,8 @@ class Twin:
         """
         data = copy.deepcopy(dict(like) if like is not None else ASSUMED)
         sources = _sources_of(like)
-        values = [*fields_of(self.base)]
+        tails = any(math.isfinite(setting.law.value) for setting in self.settings)
+        values = [*fields_of(self.base, tails)]
         if like is None:
             values += self._quantum_efficiency()
         else:
@@ -167,8 +160,8 @@ class Twin:
         values: dict[str, float] = {}
         texts: list[str] = []
         for name, response in self.base.responses.items():
-            q = response.efficiency
-            if q is None or not math.isfinite(q.value) or not 0 < q.value <= 1:
+            q = response.linear["η"]
+            if not 0 < q.value <= 1:
                 source = f"assumed: {QE:g}; the photons of the flat fields are not known"
                 return dict.fromkeys(self.base.responses, QE), source
             values[name] = q.value
@@ -256,9 +249,6 @@ def _fitted(frames: str | os.PathLike[str] | Bench, tell: Callable[[str, float],
         tell("fitting", number / len(bench.gains))
         settings.append(fit_setting(bench.at_gain(gain)))
     settings.sort(key=lambda setting: setting.gain.quantity.value)
-    laws = of_one_family([setting.noise.law for setting in settings])
-    for setting, law in zip(settings, laws, strict=True):
-        setting.noise = replace(setting.noise, law=law)
     return Twin(tuple(settings), bench.wavelength_nm)
 
 
@@ -315,25 +305,27 @@ def gains_of(settings: Sequence[Setting]) -> list[dict[str, Any]]:
     Full wells too, where all settings show one.
     """
     wells = all(setting.brightest.limited_by == "well" for setting in settings)
-    return [_gain_table(setting, wells) for setting in settings]
+    tails = any(math.isfinite(setting.law.value) for setting in settings)
+    return [_gain_table(setting, wells, tails) for setting in settings]
 
 
-def _gain_table(setting: Setting, well: bool) -> dict[str, Any]:
-    """The table [[gains]] of one setting, with or without its full well."""
+def _gain_table(setting: Setting, well: bool, tails: bool) -> dict[str, Any]:
+    """The table [[gains]] of one setting, with or without its full well and the tails of its read noise."""
 
     def electrons(figure: Fitted) -> float:
-        return setting.electrons(figure).quantity.value
+        value = setting.electrons(figure).quantity.value
+        return max(value, 0.0) if math.isfinite(value) else 0.0
 
-    noise = setting.noise
     table = _label(setting.name)
     table["gain_dn_per_e"] = setting.gain.quantity.value
-    table["read_noise_e"] = electrons(noise.read)
+    table["read_noise_e"] = read_noise_e(setting).value
     table["black_level_dn"] = max(setting.dark.black.quantity.value, 0.0)
-    table["row_noise_e"] = electrons(noise.row)
-    table["column_noise_e"] = electrons(noise.column)
-    table["frame_noise_e"] = max(electrons(setting.frame), 0.0)
-    if noise.shape.known:
-        table["read_noise_shape"] = noise.shape.quantity.value
+    table["row_noise_e"] = electrons(setting.row)
+    table["column_noise_e"] = electrons(setting.column)
+    table["frame_noise_e"] = electrons(setting.frame)
+    if tails:
+        shape = setting.law.value
+        table["read_noise_shape"] = shape if math.isfinite(shape) else NORMAL_SHAPE
     if well:
         table["full_well_e"] = electrons(setting.brightest.end)
     return table
@@ -357,7 +349,7 @@ def step_notes(settings: Sequence[Setting]) -> list[str]:
     """
     notes = []
     for low, high in zip(settings, settings[1:], strict=False):
-        before, after = low.noise.read.quantity, high.noise.read.quantity
+        before, after = low.read.quantity, high.read.quantity
         if after.high < before.low:
             gain, higher_gain = low.gain.quantity.value, high.gain.quantity.value
             notes.append(

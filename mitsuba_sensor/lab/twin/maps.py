@@ -1,66 +1,76 @@
-"""Measured maps of a gain setting, by the names that exposing frames knows.
-
-What averaging left of temporal noise widens a measured map. Each part (rows, columns, pixels) is scaled down to its σ
-without that noise: the spread is right, and the share of the noise in it stays.
-"""
+"""Measured maps: rows, columns and pixels, each scaled to its σ without what averaging left of temporal noise."""
 
 from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...core.types import Float64Array
-from .combined_map import scaled_to
-from .gain_map import GainMap
-from .setting import Setting, assembled
+from ..statistics.mean_squares import MeanSquare, MeanSquares, root, spatial_mean_squares
+from ..statistics.outliers import fill, outliers
 
-SMALLEST_GAIN = 1e-3
-"""Gain of a pixel in the map: dead pixels have none."""
-
-
-def maps_of(setting: Setting) -> dict[str, Float64Array]:
-    """``prnu``, ``prnu_col``, offsets in electrons, ``dark_fpn``, and ``read_noise`` where pixels differ."""
-    gain = setting.gain.quantity.value
-    maps: dict[str, Float64Array] = {}
-    for name, part in setting.dark.offsets.parts().items():
-        maps[f"dsnu_{name}_e"] = part / gain
-    if setting.gains:
-        maps |= _gain_maps(setting)
-    if setting.dark.rates is not None and setting.dark.cv.known:
-        maps["dark_fpn"] = _relative_rates(setting)
-    noise = setting.noise
-    if noise.pixels is not None:
-        maps["read_noise"] = noise.pixels * setting.electrons(noise.read).quantity.value
-    if setting.telegraph is not None:
-        maps["rts_site"] = setting.telegraph.site
-    return maps
+PARTS: dict[str, Callable[[MeanSquares], list[MeanSquare]]] = {
+    "row": MeanSquares.row_variance,
+    "col": MeanSquares.column_variance,
+    "pixel": MeanSquares.pixel_variance,
+    "all": MeanSquares.variance,
+}
 
 
-def _gain_maps(setting: Setting) -> dict[str, Float64Array]:
-    """Gains of the pixels and of the columns.
+@dataclass(frozen=True)
+class CombinedMap:
+    """Weighted sum of the mean frames of stacks.
 
-    Columns of a mosaic differ by filter and have no map of their own: theirs are part of the pixels' map.
+    image : (H, W).  noises : mean squares of the temporal noise of a frame of each stack, and their factor in the map.
     """
-    columns = np.zeros((1, setting.shape[1]))
-    if not setting.tile:
-        columns = setting.gains[""].parts["col"]
 
-    def pixels(gains: GainMap) -> Float64Array:
-        rest = gains.parts["pixel"] + gains.parts["row"]
-        if setting.tile:
-            return rest + gains.parts["col"]
-        return rest
+    image: Float64Array
+    noises: tuple[tuple[MeanSquares, float], ...]
 
-    prnu = np.maximum(1 + assembled(setting, pixels), SMALLEST_GAIN)
-    return {"prnu": prnu, "prnu_col": 1 + columns}
+    def spread(self) -> dict[str, tuple[float, float, float]]:
+        """(value, low, high) of the standard deviation of rows, columns, pixels and all.
+
+        Pixels that stand out are left out: they are what they are in the map, and no width of a distribution.
+        """
+        left_out = outliers(self.image, least_sigma=0.0)
+        filled = int(np.count_nonzero(left_out))
+        measured = spatial_mean_squares(fill(self.image, left_out), filled=filled)
+        spreads: dict[str, tuple[float, float, float]] = {}
+        for name, terms in PARTS.items():
+            variance = terms(measured)
+            for squares, factor in self.noises:
+                variance += [term.times(-factor) for term in terms(squares)]
+            spreads[name] = root(variance)
+        return spreads
+
+    def parts(self) -> dict[str, Float64Array]:
+        """Deviations of rows (H, 1), columns (1, W) and pixels (H, W), without temporal noise."""
+        spreads = self.spread()
+        return parts_of(
+            self.image,
+            {name: spreads[name][0] if spreads[name][1] else 0.0 for name in spreads},
+        )
 
 
-def _relative_rates(setting: Setting) -> Float64Array:
-    """Dark current over its mean, without what telegraph signals add."""
-    assert setting.dark.rates is not None
-    image = setting.dark.rates.image
-    if setting.telegraph is not None:
-        image = image - setting.telegraph.mean
-    mean = float(image.mean())
-    deviations = scaled_to(image - mean, setting.dark.cv.quantity.value * mean)
-    factors = np.maximum(1 + deviations / mean, 0.0)
-    return np.asarray(factors / factors.mean())
+def parts_of(image: Float64Array, sigmas: Mapping[str, float]) -> dict[str, Float64Array]:
+    """Deviations of rows (H, 1), columns (1, W) and pixels (H, W) from the mean, each scaled to its σ.
+
+    Pixels that stand out are scaled as the others are.
+    """
+    filled = fill(image, outliers(image, least_sigma=0.0))
+    mean = filled.mean()
+    rows = filled.mean(axis=1, keepdims=True) - mean
+    columns = filled.mean(axis=0, keepdims=True) - mean
+    parts = {"row": rows, "col": columns, "pixel": image - mean - rows - columns}
+    return {name: scaled_to(part, sigmas[name]) for name, part in parts.items()}
+
+
+def scaled_to(part: Float64Array, sigma: float) -> Float64Array:
+    """A part of mean 0 with this standard deviation, at most its own; 0 where the wanted one is not known."""
+    own = math.sqrt(float(np.square(part[~outliers(part, least_sigma=0.0)]).mean()))
+    if not own or not math.isfinite(sigma):
+        return part * 0.0
+    return part * min(sigma / own, 1.0)

@@ -1,12 +1,11 @@
-"""Everything that the frames of one gain setting show of a camera."""
+"""Everything that the frames of one gain setting show of a camera, by the laboratory's own instruments."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import scipy
@@ -14,38 +13,64 @@ import scipy
 from ...core import InputError
 from ...core.types import Float64Array
 from ..frames.bench import Bench
-from ..frames.selection import (
-    by_temperature,
-    count_exposure_times,
-    dark_series,
-    darks_of,
-    half_saturated,
-    temporal_levels,
-)
+from ..frames.selection import dark_series, darks_of
+from ..frames.soundness import sound
 from ..frames.stack import Stack
 from ..frames.stuck_lines import with_lines_filled
-from ..measure.dark_current import dark_temperature
+from ..measure.curved_response import straight
+from ..measure.emva_linear import EmvaLinear
+from ..measure.line_noise import line_noise
+from ..measure.measurement import linear_of, over_temperature, uniformity_of
+from ..measure.nonuniformity import Nonuniformity
 from ..measure.radiometric import TOO_EFFICIENT
-from ..quantity import Quantity, no_value, normal_interval, unknown
-from .coarse_dark import coarse_of, dark_noise_dn2
-from .dark import Dark, dark_over_time, usable
+from ..quantity import (
+    Quantity,
+    no_value,
+    normal_interval,
+)
+from .dark import SECTION, Dark, dark_over_time, frame_noise, read_noise
 from .evidence import Fitted, frames_of
-from .frame_noise import frame_noise
-from .gain_map import GainMap, gain_map
-from .noise import ReadNoise, read_noise
-from .response import Response, response
-from .telegraph import Telegraph, telegraph
+from .maps import parts_of, scaled_to
+from .read_law import read_law
 
 Result = TypeVar("Result")
 FEWEST_PIXELS = 8
 """Rows, and columns, of a frame behind each filter."""
-KNEE_FIGURES = {
-    "full_well": ("µ_e.well", "full well in bright light"),
-    "knee": ("w", "width of the knee of the full well"),
-}
-"""Symbol and name of what a knee has."""
 DIFFERENT = 1e-3
 """Probability of a larger scatter, below which filters are said to differ."""
+PLATEAU = 0.2
+"""Variance over the largest one, below which a level is full."""
+SMALLEST_GAIN = 1e-3
+"""Gain of a pixel in the map: dead pixels have none."""
+NO_RATIO = no_value("γ", "gain at full well over gain at zero", "", SECTION)
+NO_END = no_value("µ_y.end", "largest linear signal", "DN", SECTION)
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """linear : figures of EMVA 1288 Linear behind one filter.  ratio : γ, gain at the end over gain at zero.
+
+    end : the largest signal [DN], linear.  uniformity : PRNU, or None where no flat field suits.
+    """
+
+    linear: EmvaLinear
+    ratio: Fitted
+    end: Fitted
+    uniformity: Nonuniformity | None
+
+    @property
+    def gain(self) -> Fitted:
+        """K of small signals [DN/e-]."""
+        return self.end.known_as(self.linear["K"])
+
+    @property
+    def limited_by(self) -> str:
+        """What ends the range: "well", "ADC" or "not reached"."""
+        return self.linear.photon_transfer.peak.limited_by
+
+    def straight(self, signal: Float64Array) -> Float64Array:
+        """The linear signal of a signal [DN]."""
+        return straight(signal, self.linear.curve.kappa)
 
 
 @dataclass(eq=False)
@@ -53,7 +78,8 @@ class Setting:
     """One gain setting.
 
     name : of the setting.  shape : rows and columns.  bits : of the ADC.  tile : of the colour filters, or empty.
-    frame : jitter of the black level.  responses, gains : by filter.
+    read, row, column : temporal noise of pixels, rows and columns [DN].  law : λ of the read noise, unknown if normal.
+    frame : jitter of the black level [DN].  responses : by filter.
     doubling : temperature step that doubles the dark current, or None.
     notes : what could not be measured, and why.
     """
@@ -64,13 +90,13 @@ class Setting:
     bits_known: bool
     tile: tuple[tuple[str, ...], ...]
     dark: Dark
-    noise: ReadNoise
+    read: Fitted
+    row: Fitted
+    column: Fitted
+    law: Quantity
     frame: Fitted
     responses: dict[str, Response]
-    gains: dict[str, GainMap]
-    telegraph: Telegraph | None
     doubling: Fitted | None
-    temperature_k: float | None
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -81,40 +107,65 @@ class Setting:
     @property
     def brightest(self) -> Response:
         """The response of the filter that reaches furthest."""
-        return max(self.responses.values(), key=_reach)
+        return max(
+            self.responses.values(),
+            key=lambda one: (one.limited_by != "not reached", one.end.quantity.value),
+        )
 
     def prnu(self, part: str) -> Fitted:
-        """``pixel``, ``row`` or ``column``, of all filters together."""
-        name = "photo response non-uniformity"
-        if not self.gains:
-            return Fitted(no_value(f"PRNU_{part}", name, "", "fit"), "")
+        """``pixel``, ``row`` or ``col``, of all filters together."""
+        figures: list[Quantity] = []
+        for response in self.responses.values():
+            if response.uniformity is None:
+                nothing = no_value(f"PRNU_{part}", "photo response non-uniformity", "", SECTION)
+                return response.end.known_as(nothing)
+            figures.append(getattr(response.uniformity, f"prnu_{part}").scaled(0.01, ""))
         rows, columns = tile_shape(self.tile)
-        alike = {"column": rows, "row": columns}.get(part, 1)
-        figures: list[Fitted] = [getattr(gains, part) for gains in self.gains.values()]
-        return root_mean_square(figures, alike)
+        alike = {"col": rows, "row": columns}.get(part, 1)
+        prnu = replace(root_mean_square(figures, alike), symbol=f"PRNU_{part}")
+        return self.brightest.end.known_as(prnu)
 
-    def knee_figure(self, which: Literal["full_well", "knee"]) -> Fitted:
-        """Full well or width of its knee of the brightest filter [e-]; without a value where there is no knee."""
-        symbol, name = KNEE_FIGURES[which]
-        brightest = self.brightest
-        figure = no_value(symbol, name, "e-", "fit")
-        if brightest.knee is not None:
-            ends = brightest.knee.well_e
-            if which == "knee":
-                ends = brightest.knee.width_e
-            figure = replace(figure, value=ends[0], low=ends[1], high=ends[2])
-        return brightest.end.known_as(figure)
-
-    def electrons(self, figure: Fitted, unit: str = "e-") -> Fitted:
+    def electrons(self, figure: Fitted) -> Fitted:
         """A figure in DN, in electrons."""
-        if not figure.known:
-            return figure
-        return figure.known_as(figure.quantity.divided(self.gain.quantity, unit))
+        return figure.known_as(figure.quantity.in_electrons(self.gain.quantity))
 
+    @property
+    def maps(self) -> dict[str, Float64Array]:
+        """``prnu``, ``prnu_col``, offsets in electrons and ``dark_fpn``, by the names that exposing frames knows."""
+        gain = self.gain.quantity.value
+        maps = {
+            f"dsnu_{name}_e": part / gain for name, part in self.dark.offsets.parts().items()
+        }
+        if all(response.uniformity for response in self.responses.values()):
+            maps |= self._gain_maps()
+        if self.dark.rates is not None and self.dark.cv.known:
+            image = self.dark.rates.image
+            mean = float(image.mean())
+            sigma = self.dark.cv.quantity.value * mean
+            factors = np.maximum(1 + scaled_to(image - mean, sigma) / mean, 0.0)
+            maps["dark_fpn"] = factors / factors.mean()
+        return maps
 
-def _reach(response: Response) -> tuple[bool, float]:
-    """Sorts responses by whether they reach the end of the range, and by the largest signal."""
-    return response.limited_by != "not reached", response.end.quantity.value
+    def _gain_maps(self) -> dict[str, Float64Array]:
+        """Gains of pixels and columns; those of the columns of a mosaic, which differ by filter, are in the pixels'."""
+        (height, width), (rows, columns) = self.shape, tile_shape(self.tile)
+        pixels, of_columns = np.zeros((height, width)), np.zeros((1, width))
+        for number, response in enumerate(self.responses.values()):
+            uniformity = response.uniformity
+            assert uniformity is not None
+            gains = uniformity.difference / uniformity.difference.mean()
+            sigmas = {
+                part: 0.01 * getattr(uniformity, f"prnu_{part}").value
+                for part in ("row", "col", "pixel")
+            }
+            parts = parts_of(gains, sigmas)
+            rest = parts["pixel"] + parts["row"]
+            if self.tile:
+                rest = rest + parts["col"]
+            else:
+                of_columns = parts["col"]
+            pixels[number // columns :: rows, number % columns :: columns] = rest
+        return {"prnu": np.maximum(1 + pixels, SMALLEST_GAIN), "prnu_col": 1 + of_columns}
 
 
 def fit_setting(bench: Bench) -> Setting:
@@ -123,56 +174,43 @@ def fit_setting(bench: Bench) -> Setting:
     Raises InputError where it lacks what every camera file needs.
     """
     _check(bench)
+    bench, saturated = sound(bench)
     bench, stuck = with_lines_filled(bench)
     # Which filter a pixel has does not matter in the dark.
     darks = tuple(replace(stack, tile=()) for stack in darks_of(bench))
     blind = replace(bench, biases=(), darks=darks, flats=(), scenes=())
-    series = dark_series(blind)
-    usable(series)
-    responses: dict[str, Response] = {}
-    for name, part in bench.of_filters().items():
-        responses[name] = _measure_response(part)
-    _check_efficiency(responses)
-    gain = weighted_mean([response.gain for response in responses.values()])
-    if not gain.known or not gain.quantity.low > 0:
-        reasons = dict.fromkeys(response.gain.quantity.note for response in responses.values())
+    used, notes = _usable(dark_series(blind))
+    notes = [*bench.notes, *filter(None, (saturated, stuck)), *notes]
+    responses = {
+        name: _response(part, name, notes) for name, part in bench.of_filters().items()
+    }
+    gain = weighted_mean([response.gain for response in responses.values()]).quantity
+    if not math.isfinite(gain.value) or not gain.low > 0:
+        reasons = dict.fromkeys(one.gain.quantity.note for one in responses.values())
         why = "; ".join(reasons) or "its interval reaches 0"
         raise InputError(f"K cannot be measured: {why}. Take flat fields of 5 or more levels.")
-    furthest = max(responses.values(), key=lambda response: response.end.quantity.value)
-    dark = dark_over_time(series, furthest.curvature)
-    notes = [*bench.notes, *filter(None, (stuck,)), *dark.notes]
-    for of_filter in responses.values():
-        notes += of_filter.notes
-    notes += _note_spaced_codes(bench)
-    longest = max(series, key=lambda stack: (stack.exposure_s, len(stack)))
-    traps = _try(lambda: telegraph(longest), notes)
-    coarse = coarse_of(dark.quiet)
-    if coarse is not None:
-        dark = coarse.applied(dark)
-    noise_dn2 = dark_noise_dn2(dark.quiet, coarse)
-    responses = {name: one.by_noise(noise_dn2) for name, one in responses.items()}
-    gain = weighted_mean([response.gain for response in responses.values()])
-    noise = read_noise(dark, gain.quantity, coarse)
-    slope = 1.0
-    if coarse is not None:
-        slope = coarse.slope
-    gains = _gains(bench, dark, responses, notes)
-    doubling = _doubling(blind, dark, notes)
-    bits, bits_known = _bits(bench)
+    dark = dark_over_time(used)
+    lines, frames = line_noise(dark.quiet), frames_of(dark.quiet)
+    temperature = _try(lambda: over_temperature(blind), [])
+    doubling = None
+    if temperature is not None and math.isfinite(temperature.doubling.value):
+        doubling = Fitted(temperature.doubling, frames_of(*darks))
+    known_bits = [stack.bits for stack in bench.stacks if stack.bits]
+    largest = max(float(stack.frames.max()) for stack in bench.stacks)
     return Setting(
         name=bench.gains[0],
         shape=bench.stacks[0].shape,
-        bits=bits,
-        bits_known=bits_known,
+        bits=max(known_bits, default=max(1, math.ceil(math.log2(largest + 1)))),
+        bits_known=bool(known_bits),
         tile=bench.stacks[0].tile,
         dark=dark,
-        noise=noise,
-        frame=frame_noise(series, slope),
+        read=Fitted(read_noise(dark, lines.pixel, gain), frames),
+        row=Fitted(lines.row, frames),
+        column=Fitted(lines.column, frames),
+        law=read_law(dark.quiet),
+        frame=frame_noise(used),
         responses=responses,
-        gains=gains,
-        telegraph=traps,
         doubling=doubling,
-        temperature_k=dark.quiet.temperature_k,
         notes=list(dict.fromkeys(notes)),
     )
 
@@ -180,9 +218,7 @@ def fit_setting(bench: Bench) -> Setting:
 def _check(bench: Bench) -> None:
     """Raises InputError where stacks are missing, differ in size, or have too few pixels of each filter."""
     if not darks_of(bench) or not bench.flats:
-        lack = "bias or dark frames"
-        if darks_of(bench):
-            lack = "flat fields"
+        lack = "flat fields" if darks_of(bench) else "bias or dark frames"
         raise InputError(
             f"there are no {lack}; a twin needs dark frames and flat fields, 2 frames or more of each."
         )
@@ -200,86 +236,58 @@ def _check(bench: Bench) -> None:
         )
 
 
-def _check_efficiency(responses: dict[str, Response]) -> None:
-    """Raises InputError where the photons that are stated have another unit: a twin of them is no camera."""
-    for name, measured in responses.items():
-        efficiency = measured.efficiency
-        if efficiency is not None and TOO_EFFICIENT in efficiency.note:
-            behind = f" of {name}" if name else ""
-            raise InputError(
-                f"the quantum efficiency{behind} cannot be measured: {efficiency.note}. Correct photons in the "
-                "manifest, or leave them out."
-            )
+def _usable(stacks: Sequence[Stack]) -> tuple[list[Stack], list[str]]:
+    """The stacks with 2 frames or more and no clipped values, and notes on the others.
 
-
-def _measure_response(bench: Bench) -> Response:
-    """Response with the dark frames of the flat fields' own exposure times, where there are any."""
-    flats = temporal_levels([stack for stack in bench.flats if len(stack) > 1])
-    darks = [stack for stack in darks_of(bench) if len(stack) > 1]
-    if not flats or not darks:
-        raise InputError(
-            "all flat fields are single frames; K needs 2 frames or more of each level."
-        )
-    needed: dict[int, Stack] = {}
-    for flat in flats:
-        nearest = min(darks, key=partial(_distance, flat))
-        needed[id(nearest)] = nearest
-    return response(list(needed.values()), flats)
-
-
-def _distance(flat: Stack, dark: Stack) -> tuple[float, float, int]:
-    """Dark frames of the same time and temperature come first, and of these the one with most frames."""
-    dark_k = dark.temperature_k or 0.0
-    warmer = abs(dark_k - (flat.temperature_k or dark_k))
-    return abs(dark.exposure_s - flat.exposure_s), warmer, -len(dark)
-
-
-def _gains(
-    bench: Bench, dark: Dark, responses: dict[str, Response], notes: list[str]
-) -> dict[str, GainMap]:
-    """PRNU of each filter; none where no flat field suits."""
-    rows, columns = tile_shape(bench.stacks[0].tile)
-    maps: dict[str, GainMap] = {}
-    for number, (name, part) in enumerate(bench.of_filters().items()):
-        behind = dark.window(
-            slice(number // columns, None, rows), slice(number % columns, None, columns)
-        )
-        gains = _try(partial(_half_saturated_gains, part, behind, responses[name]), notes)
-        if gains is not None:
-            maps[name] = gains
-    if len(maps) == len(responses):
-        return maps
-    return {}
-
-
-def _half_saturated_gains(bench: Bench, dark: Dark, response: Response) -> GainMap:
-    """PRNU of the flat field that is nearest to half of saturation."""
-    flat = half_saturated(bench, response.end.quantity.value)
-    return gain_map(flat, dark, response)
-
-
-def _doubling(bench: Bench, dark: Dark, notes: list[str]) -> Fitted | None:
-    """Doubling temperature from the dark currents of 2 temperatures or more.
-
-    The shortest stack of all is the black level of those that have one exposure time.
+    Raises InputError where there is none.
     """
-    groups = by_temperature(bench)
-    if len(groups) < 2:
-        return None
-    used: list[Stack] = []
-    currents: dict[float, Quantity] = {}
-    for kelvin, stacks in groups.items():
-        used += stacks
-        series = stacks
-        if count_exposure_times(stacks) == 1:
-            series = [replace(dark.quiet, temperature_k=kelvin), *stacks]
-        line = _try(partial(dark_over_time, series), notes)
-        if line is not None and line.rate.known:
-            currents[kelvin] = line.rate.quantity
-    temperature = _try(lambda: dark_temperature(currents), notes)
-    if temperature is None or not math.isfinite(temperature.doubling.value):
-        return None
-    return Fitted(temperature.doubling, frames_of(*used))
+    inside: list[Stack] = []
+    reasons: list[str] = []
+    for stack in stacks:
+        if len(stack) > 1 and stack.clipping.usable:
+            inside.append(stack)
+        else:
+            reasons.append(f"{stack.source}: {stack.clipping.note or f'{len(stack)} frame'}")
+    if not inside:
+        raise InputError(
+            f"no dark stack has 2 frames or more inside of the ADC's range ({'; '.join(reasons[:3])}); take others."
+        )
+    return inside, [f"left out: {reason}" for reason in reasons]
+
+
+def _response(bench: Bench, name: str, notes: list[str]) -> Response:
+    """Response of one filter. Raises InputError where the photons that are stated have another unit."""
+    linear = linear_of(bench)
+    efficiency = linear["η"]
+    if TOO_EFFICIENT in efficiency.note:
+        behind = f" of {name}" if name else ""
+        raise InputError(
+            f"the quantum efficiency{behind} cannot be measured: {efficiency.note}. Correct photons in the "
+            "manifest, or leave them out."
+        )
+    notes += linear.notes
+    uniformity = _try(lambda: uniformity_of(bench, linear), notes)
+    top, curve = _largest_signal(linear), linear.curve
+    ratio = replace(NO_RATIO, value=1.0, low=1.0, high=1.0)
+    if curve:
+        low, high = sorted(1 + limit * top.value for limit in (curve.low, curve.high))
+        ratio = replace(NO_RATIO, value=1 + curve.kappa * top.value, low=low, high=high)
+    frames = frames_of(*bench.flats)
+    return Response(linear, Fitted(ratio, frames), Fitted(top, frames), uniformity)
+
+
+def _largest_signal(linear: EmvaLinear) -> Quantity:
+    """The linear mean of the brightest level where it is full; else a lower limit."""
+    levels, end = linear.levels, linear.photon_transfer.peak
+    best = int(np.argmax(levels.signal))
+    value = float(straight(levels.signal[best : best + 1], linear.curve.kappa)[0])
+    full = levels.excess[best] < PLATEAU * levels.excess.max()
+    if not full or end.limited_by == "not reached":
+        note = "the brightest flat field is not full: a lower limit"
+        return replace(NO_END, value=value, low=value, high=math.inf, note=note)
+    error = math.hypot(levels.of_flats("mean_error")[best], levels.of_darks("mean_error")[best])
+    _, low, high = normal_interval(value, error)
+    return replace(NO_END, value=value, low=low, high=high)
 
 
 def _try(instrument: Callable[[], Result], notes: list[str]) -> Result | None:
@@ -291,53 +299,16 @@ def _try(instrument: Callable[[], Result], notes: list[str]) -> Result | None:
         return None
 
 
-def _bits(bench: Bench) -> tuple[int, bool]:
-    """(bits, whether they are known) of the ADC; else the fewest that hold the largest code."""
-    known = [stack.bits for stack in bench.stacks if stack.bits]
-    if known:
-        return max(known), True
-    largest = max(float(stack.frames.max()) for stack in bench.stacks)
-    return max(1, math.ceil(math.log2(largest + 1))), False
-
-
-def _note_spaced_codes(bench: Bench) -> list[str]:
-    """A note where all codes are multiples of a number, as 12 bits in the upper ones of 16 are."""
-    codes = bench.stacks[0].frames[0]
-    if codes.dtype.kind not in "ui":
-        return []
-    step = int(np.gcd.reduce(codes, axis=None))
-    if step < 2:
-        return []
-    return [
-        f"all codes are multiples of {step}: the twin delivers the codes between too; divide the frames by {step}"
-    ]
-
-
 def tile_shape(tile: tuple[tuple[str, ...], ...]) -> tuple[int, int]:
     """Rows and columns of a mosaic's tile; (1, 1) without one."""
-    if tile:
-        return (len(tile), len(tile[0]))
-    return (1, 1)
-
-
-def assembled(setting: Setting, of_filter: Callable[[GainMap], Float64Array]) -> Float64Array:
-    """A map of the whole sensor from those of its filters."""
-    rows, columns = tile_shape(setting.tile)
-    whole = np.zeros(setting.shape)
-    for number, gains in enumerate(setting.gains.values()):
-        whole[number // columns :: rows, number % columns :: columns] = of_filter(gains)
-    return whole
+    return (len(tile), len(tile[0])) if tile else (1, 1)
 
 
 def weighted_mean(figures: Sequence[Fitted]) -> Fitted:
     """Mean by the width of the intervals; wider where the figures differ by more than these allow."""
-    known = [
-        figure for figure in figures if figure.known and math.isfinite(figure.quantity.high)
-    ]
-    if not known:
-        return figures[0]
-    if len(known) == 1:
-        return known[0]
+    known = [one for one in figures if one.known and math.isfinite(one.quantity.high)]
+    if len(known) < 2:
+        return known[0] if known else figures[0]
     values = np.array([figure.quantity.value for figure in known])
     errors = np.array([figure.quantity.standard_error for figure in known])
     errors = np.maximum(errors, 1e-12 * np.abs(values).max() + 1e-300)
@@ -351,36 +322,20 @@ def weighted_mean(figures: Sequence[Fitted]) -> Fitted:
         note = "the filters differ by more than noise explains"
     value, low, high = normal_interval(mean, error)
     quantity = replace(known[0].quantity, value=value, low=low, high=high)
-    return Fitted(quantity.noted(note), _name_frames(known))
+    return known[0].known_as(quantity.noted(note))
 
 
-def root_mean_square(figures: Sequence[Fitted], alike: int = 1) -> Fitted:
+def root_mean_square(figures: Sequence[Quantity], alike: int = 1) -> Quantity:
     """Of standard deviations of equally many pixels each; distances to the ends of the intervals in quadrature.
 
     alike : how many of them are of the same lines, which makes the whole less certain.
     """
-    first = figures[0]
-    if len(figures) == 1:
-        return first
-    if not all(figure.known for figure in figures):
-        nothing = unknown(first.quantity, "not known of every filter")
-        return Fitted(nothing, _name_frames(figures))
-    count = len(figures)
-    squares = [figure.quantity.value**2 for figure in figures]
-    below = sum((f.quantity.value**2 - f.quantity.low**2) ** 2 for f in figures)
-    above = sum((f.quantity.high**2 - f.quantity.value**2) ** 2 for f in figures)
-    value = sum(squares) / count
-    low = value - math.sqrt(alike * below) / count
-    high = value + math.sqrt(alike * above) / count
-    sigma = replace(
-        first.quantity,
-        value=math.sqrt(max(value, 0.0)),
-        low=math.sqrt(max(low, 0.0)),
-        high=math.sqrt(max(high, 0.0)),
-    )
-    return Fitted(sigma, _name_frames(figures))
-
-
-def _name_frames(figures: Sequence[Fitted]) -> str:
-    """The frames of all figures, each once: filters of one mosaic come from the same files."""
-    return "; ".join(dict.fromkeys(figure.frames for figure in figures))
+    if len(figures) == 1 or any(math.isnan(figure.value) for figure in figures):
+        return min(figures, key=lambda figure: math.isfinite(figure.value))
+    value, low, high = np.square([[one.value, one.low, one.high] for one in figures]).T
+    count, mean = len(figures), float(value.mean())
+    down = math.sqrt(alike * float(np.square(value - low).sum())) / count
+    up = math.sqrt(alike * float(np.square(high - value).sum())) / count
+    ends = (math.sqrt(max(square, 0.0)) for square in (mean, mean - down, mean + up))
+    value, low, high = ends
+    return replace(figures[0], value=value, low=low, high=high)

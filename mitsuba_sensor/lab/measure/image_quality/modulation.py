@@ -29,6 +29,7 @@ class Modulation:
     frequency : [cycles per pixel], rising from 0.  value : modulation there, 1 at frequency 0.
     low, high : ends of the 95 % interval at each frequency.  section : where its definition stands.
     independent : whether neighbouring values have noise of their own, which is smaller between them.
+    note : what restricts the figures, or nothing.
     """
 
     frequency: Float64Array
@@ -37,6 +38,7 @@ class Modulation:
     high: Float64Array
     section: str
     independent: bool = False
+    note: str = ""
 
     @property
     def mtf50(self) -> Quantity:
@@ -51,7 +53,7 @@ class Modulation:
     @property
     def quantities(self) -> tuple[Quantity, ...]:
         """MTF50 and the modulation at Nyquist's frequency."""
-        return self.mtf50, self.at_nyquist
+        return self.mtf50.noted(self.note), self.at_nyquist.noted(self.note)
 
     def at(self, frequency: float) -> Quantity:
         """Modulation at one frequency [cycles per pixel]; no value beyond the curve."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SECTION = "ISO 12233:2023 e-SFR"
+CLIPPED_SHARE = 0.05
+"""Share of the pixels with the largest or the smallest value, from which on they are clipped."""
 FREQUENCIES = 101
 """Points of the curve, from 0 to one cycle per sample."""
 
@@ -73,7 +75,8 @@ def slanted_edge(
     edge_order : of the polynomial that the edge follows, up to 5 where the lens distorts.
     Raises InputError for pictures without an edge, and for edges along rows, columns or diagonals.
     """
-    pixels = flat_fielded(picture_of(picture), flat)
+    picture = picture_of(picture)
+    pixels = flat_fielded(picture, flat)
     sample_px = require(
         "sample_px", sample_px, 0.01, 100.0, "pixels, 2 for a plane of a mosaic"
     )
@@ -88,8 +91,21 @@ def slanted_edge(
     light = fit_uneven_light(values, line.distance(x, y), place, shading)
     spread = fit_edge_spread(Samples(values / light.gain, x, y), line)
     modulation = _modulation(spread, light, values / light.gain, sample_px)
+    modulation = replace(modulation, note=_note_clipped(picture))
     fine = np.linspace(-spread.half_width_px, spread.half_width_px, 400)
     return SlantedEdge(modulation, spread.line.angle_deg, fine * sample_px, spread.at(fine))
+
+
+def _note_clipped(picture: Float64Array) -> str:
+    """Which side of the edge is clipped, or nothing; edges without any noise have two sides of equal values."""
+    low, high = (float((picture == end).mean()) for end in (picture.min(), picture.max()))
+    if max(low, high) < CLIPPED_SHARE or min(low, high) >= CLIPPED_SHARE:
+        return ""
+    end = "largest" if high > low else "smallest"
+    return (
+        f"{100 * max(low, high):.2g} % of the values are the {end} one: the edge is clipped, which sharpens it; expose "
+        "less, or raise the black level"
+    )
 
 
 def _modulation(

@@ -9,11 +9,11 @@ from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ....core import InputError, finite_numbers, require
 from ....core.types import Float64Array
-from ...frames.stack import Stack
+from ...frames.stack import COARSE_DN2, Stack, coarse_note, rounding_shift_dn
 from ...quantity import LEVEL, Quantity, no_value, normal_interval
 from ..log_axes import set_log_axes
 from .patches import Patches, Region, measure_patches, require_regions
@@ -28,8 +28,9 @@ SPEED_RATIOS = (40, 10)
 SATURATION, NOISE = "ISO 12232 saturation", "ISO 12232 noise"
 LARGEST_DN = 1e12
 """Saturation signal that may be given, far above any code."""
-COARSE_DN2 = 0.25
-"""Temporal variance below which rounding is no noise."""
+FEWEST_NOISY = 3
+"""Patches whose temporal noise is measurable, from which the noise is known over the signal."""
+NO_RANGE = no_value("DR", "dynamic range", "dB", "ISO 15739")
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,8 +189,14 @@ def step_chart(
         raise InputError(
             f"{int(usable.sum())} of {len(regions)} patches are not clipped; pass 4 or more, the darkest above code 0."
         )
+    error = np.maximum(patches.mean_error, 1e-9 * np.abs(patches.mean).max())
+    if stack.whole_codes:
+        error = np.hypot(error, [rounding_shift_dn(total) for total in patches.total])
+    patches = patches._replace(mean_error=error)
     part = Patches(*(field[usable] for field in patches))
-    return _figures(exposures, patches, exposures[usable], part, largest)
+    least_dn2 = COARSE_DN2 if stack.whole_codes else np.nextafter(0, 1)
+    noisy = np.minimum(part.temporal, part.total) >= least_dn2
+    return _figures(exposures, patches, exposures[usable], part, noisy, largest)
 
 
 def _figures(
@@ -197,9 +204,13 @@ def _figures(
     patches: Patches,
     usable: Float64Array,
     part: Patches,
+    noisy: NDArray[np.bool_],
     largest: float | None,
 ) -> StepChart:
-    """All figures.  usable, part : exposures and statistics of the patches that are not clipped."""
+    """All figures.  usable, part : exposures and statistics of the patches that are not clipped.
+
+    noisy : which of them have temporal noise that rounding does not hide.
+    """
     weight = 1 / np.square(part.mean_error)
     information = float((weight * usable**2).sum())
     slope = float((weight * usable * part.mean).sum()) / information
@@ -212,12 +223,20 @@ def _figures(
     response = Quantity(
         "s", "response", *normal_interval(slope, error), "DN/(lx s)", "ISO 14524"
     )
-    total = _Variance.fit(part.mean, part.total, part.total_error, 2)
-    temporal = _Variance.fit(part.mean, part.temporal, part.temporal_error, 1)
+    hidden = coarse_note(float(part.temporal.min()))
+    of_noise = Patches(*(field[noisy] for field in part))
+    enough = int(noisy.sum()) >= FEWEST_NOISY
+    if enough:
+        total = _Variance.fit(of_noise.mean, of_noise.total, of_noise.total_error, 2)
+        temporal = _Variance.fit(of_noise.mean, of_noise.temporal, of_noise.temporal_error, 1)
 
     def noise_speed(ratio: int) -> Quantity:
         like = no_value(f"S_noise{ratio}", f"noise-based ISO speed, SNR {ratio}", "", NOISE)
+        if not enough:
+            return like.noted(hidden)
         signal = total.signal_at(ratio)
+        if signal[0] < of_noise.mean.min() and hidden:
+            return like.noted(hidden)
         if largest is not None and signal[0] > largest:
             return like.noted(f"saturates before a signal-to-noise ratio of {ratio}")
         return _speed(like, response, signal, NOISE_CONSTANT)
@@ -235,7 +254,7 @@ def _figures(
         saturation,
         noise_speed(40),
         noise_speed(10),
-        _dynamic_range(temporal, part, largest),
+        NO_RANGE.noted(hidden) if hidden else _dynamic_range(temporal, largest),
     )
 
 
@@ -276,14 +295,10 @@ def _linearity(exposures: Float64Array, part: Patches, response: Quantity) -> Qu
     return Quantity("LE_max", name, value, low, high, "%", "ISO 14524")
 
 
-def _dynamic_range(temporal: _Variance, part: Patches, largest: float | None) -> Quantity:
+def _dynamic_range(temporal: _Variance, largest: float | None) -> Quantity:
     """Saturation over the signal with a temporal signal-to-noise ratio of 1 [dB]."""
-    like = no_value("DR", "dynamic range", "dB", "ISO 15739")
     signal, error = temporal.signal_at(1.0)
     if largest is None or not (signal > 0 and math.isfinite(error)):
-        return like.noted("needs the saturation, and a dark patch whose noise is above 0")
+        return NO_RANGE.noted("needs the saturation, and a dark patch whose noise is above 0")
     decibel = 20 * math.log10(largest / signal)
-    quantity = _filled(like, decibel, 20 / math.log(10) * error / signal)
-    if part.temporal.min() < COARSE_DN2:
-        return quantity.noted("temporal noise below 0.5 DN: rounding is not removed")
-    return quantity
+    return _filled(NO_RANGE, decibel, 20 / math.log(10) * error / signal)
