@@ -60,7 +60,9 @@ class Folders(NamedTuple):
             )
         for root in self.roots:
             if os.path.isfile(root / name):  # False also for names that are too long
-                if self.untrusted and not (root / name).resolve().is_relative_to(root.resolve()):
+                if self.untrusted and not (root / name).resolve().is_relative_to(
+                    root.resolve()
+                ):
                     raise InputError(
                         f"{what} is {name!r}, a link that leads out of {root}; {remedy}."
                     )

@@ -248,7 +248,9 @@ def _begin_tracker() -> None:
 def _without_main() -> Iterator[None]:
     """Processes that begin meanwhile do not run the main script again, which may have no guard, or no file."""
     main: Any = sys.modules["__main__"]
-    known = {name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)}
+    known = {
+        name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)
+    }
     main.__spec__ = None
     try:
         yield

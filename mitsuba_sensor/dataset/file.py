@@ -290,7 +290,9 @@ def read_dataset(source: str | os.PathLike[str] | Config) -> DatasetFile:
     refuse_empty(
         os.fspath(source), "the dataset", "give the path of a dataset file, e.g. dataset.toml"
     )
-    return read_dataset_text(text_of_dataset(Path(source)), f"dataset file {os.fspath(source)!r}")
+    return read_dataset_text(
+        text_of_dataset(Path(source)), f"dataset file {os.fspath(source)!r}"
+    )
 
 
 def text_of_dataset(path: Path) -> str:
@@ -298,7 +300,9 @@ def text_of_dataset(path: Path) -> str:
     return texts.text_of_file(path, "give the path of a dataset file", LARGEST_BYTES)
 
 
-def read_dataset_text(text: str, where: str = "the dataset file in dataset.json") -> DatasetFile:
+def read_dataset_text(
+    text: str, where: str = "the dataset file in dataset.json"
+) -> DatasetFile:
     """The same of its text.  where : it stands, for messages."""
     try:
         return _checked(toml_tables(text), where)

@@ -210,7 +210,9 @@ class Rig(NamedTuple):
         pose = start @ np.linalg.inv(places_m[0]) @ self.poses_m[sensor]
         origin, up, forward = pose[:3, 3], pose[:3, 1], pose[:3, 2]
         vectors = {"origin_m": origin, "target_m": origin + forward, "up": up}
-        return {name: [*(np.round(x, POSE_DIGITS) + 0.0).tolist()] for name, x in vectors.items()}
+        return {
+            name: [*(np.round(x, POSE_DIGITS) + 0.0).tolist()] for name, x in vectors.items()
+        }
 
     def chip(self, serial: int, sensor: str) -> int:
         """Serial number of the chip behind a sensor: that of the dataset for the first sensor of the file, for each

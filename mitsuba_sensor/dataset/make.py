@@ -53,7 +53,7 @@ def make_task(store: Store, record: Record, task: Task) -> Shard:
     with durable.scratch_folder(store.shards) as folder:
         light = {}
         if task.outputs:
-            light = _contents(folder, rendered.files_of_light(folder))
+            light = contents_of(folder, rendered.files_of_light(folder))
         samples = (_row_and_files(rendered, sample, folder) for sample in task.samples)
         return store.commit(task.key, record, light, samples)
 
@@ -80,10 +80,10 @@ def _row_and_files(
     }
     row = {"number": sample.number, "key": sample.key, "split": sample.split}
     row |= {"values": sample.values, "exposed": {k: float(x) for k, x in exposed.items()}}
-    return row, _contents(folder, files)
+    return row, contents_of(folder, files)
 
 
-def _contents(folder: Path, files: Files) -> dict[str, bytes]:
+def contents_of(folder: Path, files: Files) -> dict[str, bytes]:
     """The bytes of files, and of those that were written into the folder, from which they are taken."""
     found = {
         name: x if isinstance(x, bytes) else texts.short_json(x).encode()

@@ -85,7 +85,11 @@ class RunOptions(TypedDict, total=False):
     ]
     tls_ca: Annotated[
         str | None,
-        Option("Certificate authority of a scheduler at tls://HOST:PORT.", metavar="FILE", panel=ENGINE),
+        Option(
+            "Certificate authority of a scheduler at tls://HOST:PORT.",
+            metavar="FILE",
+            panel=ENGINE,
+        ),
     ]
     tls_cert: Annotated[
         str | None, Option("Certificate that is shown to it.", metavar="FILE", panel=ENGINE)
@@ -123,7 +127,9 @@ class RunOptions(TypedDict, total=False):
             panel=ENGINE,
         ),
     ]
-    retry: Annotated[bool, Option("Also try again what could not be made.", False, panel=ENGINE)]
+    retry: Annotated[
+        bool, Option("Also try again what could not be made.", False, panel=ENGINE)
+    ]
 
 
 class ExportOptions(TypedDict, total=False):

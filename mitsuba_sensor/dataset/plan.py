@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice, product
@@ -231,7 +231,11 @@ class DatasetPlan:
             for exposure in range(sweep.exposures(light) if serials else 0):
                 one = sweep.combination(light, row, camera, exposure)
                 for serial in serials:
-                    yield one, int(one.values["serial"]) if serial == AS_DRAWN else serial, split
+                    yield (
+                        one,
+                        int(one.values["serial"]) if serial == AS_DRAWN else serial,
+                        split,
+                    )
 
     def _lead(self, sweep: SceneSweep, light: Light, pairs: Sequence[Pair]) -> Combination:
         """The sample for which a light is rendered: of its first draw that with the shortest exposure; of equal ones
@@ -250,7 +254,9 @@ class DatasetPlan:
         self, lead: Combination, some: Sequence[tuple[Combination, int, str]], first: int
     ) -> Task:
         config, light_key = self._light_of(lead)
-        samples = [self._sample(*what, light_key, number) for number, what in enumerate(some, first)]
+        samples = [
+            self._sample(*what, light_key, number) for number, what in enumerate(some, first)
+        ]
         outputs = tuple(name for name in OF_VIEW if name in self.file.outputs)
         own = key_of({"view": light_key, "outputs": outputs, "made_by": self.made_by})
         camera = self.cameras.of(lead)
@@ -314,8 +320,13 @@ class Counts:
     by_split: dict[str, int] = field(default_factory=dict)
 
 
-def checked_counts(plan: DatasetPlan) -> Counts:
-    """All samples counted, each once. Raises InputError for values that cannot be, and for two samples that are one."""
+def checked_counts(
+    plan: DatasetPlan, each: Callable[[int, Task], object] = lambda number, task: None
+) -> Counts:
+    """All samples counted. Raises InputError for values that cannot be, and for two samples that are one.
+
+    each : called with every task and its number.
+    """
     _check_draws(plan.file)
     found, keys = Counts(), array("Q")
     lights: dict[str, set[str]] = {}
@@ -326,6 +337,7 @@ def checked_counts(plan: DatasetPlan) -> Counts:
         before.clear()
         before.add(task.light_key)
         of_scene[1] += len(task.samples)
+        each(found.tasks, task)
         found.tasks += 1
         found.samples += len(task.samples)
         for sample in task.samples:
@@ -354,7 +366,7 @@ def _refuse_equal(plan: DatasetPlan, key: str) -> None:
 
 def _tells(name: str, pair: tuple[object, object]) -> bool:
     """Whether a value tells two samples apart, or what they are of."""
-    return name in ("scene", "camera", "view") and pair != (None, None) or pair[0] != pair[1]
+    return (name in ("scene", "camera", "view") and pair != (None, None)) or pair[0] != pair[1]
 
 
 def _check_draws(file: DatasetFile) -> None:
@@ -403,7 +415,9 @@ def growth_refused(old: DatasetFile, new: DatasetFile) -> str:
             grows = all(one in now for one in before) and bool(before)
         elif name == "grid":
             grows = before.keys() == now.keys()
-            grows = grows and all({*map(repr, before[x])} <= {*map(repr, now[x])} for x in before)
+            grows = grows and all(
+                {*map(repr, before[x])} <= {*map(repr, now[x])} for x in before
+            )
         elif name == "random" and before and now:
             grows = before.values == now.values and before.draws <= now.draws
         if not grows:

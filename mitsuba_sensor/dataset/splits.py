@@ -6,6 +6,7 @@ import json
 from bisect import bisect_left
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from itertools import product
+
 import numpy as np
 
 from ..core import InputError
@@ -117,7 +118,9 @@ class SplitOf:
             draw = sweep.draws.of(light)[0]
             drawn = drawn_values(self.file, sweep.entry.name, draw) if by_draw else {}
             for row in sweep.rows:
-                yield self._scene(sweep, {"view": view, **values_of_cell(grid, cell), **row, **drawn})
+                yield self._scene(
+                    sweep, {"view": view, **values_of_cell(grid, cell), **row, **drawn}
+                )
 
     def _scene(self, sweep: SceneSweep, varied: Values) -> str:
         """What tells the scene from others, as text."""

@@ -13,8 +13,8 @@ import scipy
 
 from ..core import InputError
 from ..render.motion.motion import KeyPose
-from .keys import Config, Facts
 from .file import DatasetFile, Distribution
+from .keys import Config, Facts
 from .scene_entry import SceneEntry, Value, View
 
 Values = Config
