@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Group as Lines
@@ -14,7 +14,8 @@ from rich.text import Text
 
 from ..core import InputError
 from ..core.progress import duration
-from ..dataset.options import EXPORT_FORMATS, ExportOptions, RootOptions, RunOptions
+from ..dataset.exports.formats import FORMATS, ExportOptions
+from ..dataset.options import RootOptions, RunOptions
 from . import arguments, options
 from .app import app, err, show
 from .completion import one_of, shell_files
@@ -75,7 +76,7 @@ SampleCalled = Annotated[
     str,
     typer.Argument(
         metavar="SAMPLE",
-        help="Its number in the dataset, from 0; the beginning of its key; or its folder.",
+        help="Its number in the dataset, from 0, or the beginning of its key.",
     ),
 ]
 PictureFile = Annotated[
@@ -107,8 +108,8 @@ ExportFormat = Annotated[
     str,
     typer.Argument(
         metavar="FORMAT",
-        help=f"{'; '.join(f'{name}: {what}' for name, what in EXPORT_FORMATS.items())}.",
-        autocompletion=one_of(EXPORT_FORMATS),
+        help=f"{'; '.join(f'{row.name}: {row.contents}' for row in FORMATS)}.",
+        autocompletion=one_of(row.name for row in FORMATS),
     ),
 ]
 
@@ -186,23 +187,21 @@ def show_command(
     as_json: arguments.Json = False,
 ) -> None:
     """Say what one sample is: its settings, signal and noise, its files, and where its picture is."""
-    from ..dataset.read.reader import Dataset
-    from ..dataset.read.shown import facts_shown, sample_called
+    from ..dataset.read import Dataset
     from ..files.png import write_png
-    from .sample_sheet import sample_sheet
+    from .sample_sheet import sample_facts, sample_sheet
 
     samples = Dataset(folder)
-    place, found = sample_called(samples, sample)
-    facts = facts_shown(samples, place, found)
+    place = samples.place_of(sample)
+    facts = {**sample_facts(samples, place, samples[place]), "picture": picture}
     if picture is not None:
-        write_png(Path(picture), found.read("preview"))
-        facts["picture"] = picture
-    if opens and facts["picture"] is None:
-        raise InputError(f"this sample has no picture in a file of its own; {WRITE_ONE}.")
-    said = facts["picture"] or f"in no file of its own; {WRITE_ONE}"
-    show(facts if as_json else sample_sheet(facts, said), as_json)
-    if opens and typer.launch(facts["picture"]) != 0:
-        err.print(f"no program here shows pictures; the picture is {facts['picture']}")
+        write_png(Path(picture), samples[place].read("preview"))
+    elif opens:
+        raise InputError(f"pictures are in shards; {WRITE_ONE}, which --open shows.")
+    where = picture or f"in the shard; {WRITE_ONE}"
+    show(facts if as_json else sample_sheet(facts, where), as_json)
+    if opens and typer.launch(str(picture)) != 0:
+        err.print(f"no program here shows pictures; the picture is {picture}")
 
 
 @dataset.command("status", cls=Command, epilog="Example: mitsuba-sensor dataset status pairs/")
@@ -302,6 +301,26 @@ def export_command(
 
     The folder appears whole or not at all; files.json in it has the size and SHA-256 of each file.
     """
+    _export(format, folder, out_dir, as_json, flags)
+
+
+@dataset.command(
+    "unpack", cls=Command, epilog="Example: mitsuba-sensor dataset unpack pairs/ -o out/"
+)
+@options.flags(ExportOptions, without=("arrays", "images", "shard_mb", "licence"))
+def unpack_command(
+    folder: DatasetFolder,
+    out_dir: arguments.Out,
+    as_json: arguments.Json = False,
+    **flags: Flag,
+) -> None:
+    """Write the files of each sample into a folder of its own: frames, pictures and JSON, as `export files` does."""
+    _export("files", folder, out_dir, as_json, flags)
+
+
+def _export(
+    format: str, folder: str, out_dir: str, as_json: bool, flags: Mapping[str, Any]
+) -> None:
     from ..dataset.exports.export import export
 
     with steps_bar(err) as now:
@@ -309,12 +328,12 @@ def export_command(
             folder,
             format,
             out_dir,
-            progress=lambda done, total: now(done, total, "steps of the export"),
+            progress=lambda done, total: now(done, total, "samples"),
             **flags,
         )
     found = {**exported._asdict(), "format": format, "folder": out_dir}
-    said = f"{Path(out_dir)}: {exported.samples} samples as {format}; README.md there says how to read them"
-    show(found if as_json else "\n".join([said, *exported.remarks]), as_json)
+    head = f"{Path(out_dir)}: {exported.samples} samples as {format}; README.md there says how to read them"
+    show(found if as_json else "\n".join([head, *exported.remarks]), as_json)
 
 
 @dataset.command(

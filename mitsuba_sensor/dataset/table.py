@@ -79,6 +79,14 @@ class Table(Sequence[Line]):
         self._rows = open_table(store)
         self._chosen: NDArray[np.int64] | None = None
 
+    def __getstate__(self) -> dict[str, object]:
+        """For other processes, which open the table again."""
+        return {**vars(self), "_rows": None}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        vars(self).update(state)
+        self._rows = open_table(self.store)
+
     def __len__(self) -> int:
         return self._rows.rows if self._chosen is None else len(self._chosen)
 
@@ -194,8 +202,14 @@ def _groups(
 def _cells(row: Row, shard: Shard, kinds: Mapping[str, Kind]) -> Facts:
     """Column → cell of a sample."""
     exposed = dict(zip(EXPOSED, row.exposed.values(), strict=True))
-    cells: Facts = {**row.model_dump(include={*PLACES}), "shard": shard.name, **exposed}
-    for name, value in row.values.items():
+    places = {**row.model_dump(include={*PLACES}), "shard": shard.name, **exposed}
+    return places | value_cells(row.values, kinds)
+
+
+def value_cells(values: Config, kinds: Mapping[str, Kind]) -> Facts:
+    """Column → cell of the values of a sample."""
+    cells: Facts = {}
+    for name, value in values.items():
         column = f"{name} ({_kind_of(name, value)})"
         column = column if column in kinds else name
         cells[column] = float(value) if kinds.get(column) == "number" else value
