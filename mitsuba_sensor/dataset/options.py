@@ -1,26 +1,12 @@
 """The options of a run: which part of a dataset is made, by how many processes, within which limits."""
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
-from typing import Annotated, Literal, TypedDict
+from typing import Annotated, TypedDict
 
 from ..core import InputError
 from ..core.options import Option
 
-ENGINE, EXPORT = "Engine", "Export"
-EXPORT_FORMATS = {
-    "parquet": "a data set of Hugging Face with images",
-    "webdataset": "tar shards of arrays",
-    "hdf5": "arrays and spectra with units",
-    "coco": "pictures and instance masks",
-    "nerfstudio": "pictures, poses and depth as transforms.json",
-    "colmap": "pictures and poses as a text model",
-    "kitti": "sequences with times, poses and calibrations",
-    "euroc": "the same as EuRoC's mav0 folders",
-    "opencv": "calibrations and poses as FileStorage",
-    "ros": "calibrations as camera_info",
-    "card": "README.md with a contact sheet alone",
-}
-"""Format of an export → what is written."""
+ENGINE = "Engine"
 
 
 def checked_shard(name: str, value: object) -> tuple[int, int]:
@@ -129,60 +115,4 @@ class RunOptions(TypedDict, total=False):
     ]
     retry: Annotated[
         bool, Option("Also try again what could not be made.", False, panel=ENGINE)
-    ]
-
-
-class ExportOptions(TypedDict, total=False):
-    """All options of :func:`dataset.exports.export.export`."""
-
-    split: Annotated[
-        str | None, Option("Only samples of this split.", metavar="NAME", panel=EXPORT)
-    ]
-    arrays: Annotated[
-        list[str] | None,
-        Option(
-            "An array of each sample in parquet, webdataset and hdf5: raw, clean, variance, electrons, depth_m, … "
-            "Repeatable. Default: raw, clean and variance; in hdf5 all images.",
-            flag="--array",
-            metavar="NAME",
-            panel=EXPORT,
-            text=list[str],
-        ),
-    ]
-    shard_mb: Annotated[
-        int | None,
-        Option(
-            "Largest size of a file of parquet and webdataset, in MB. Default: 1000, of parquet 256.",
-            low=1,
-            high=10**6,
-            example="500",
-            panel=EXPORT,
-        ),
-    ]
-    images: Annotated[
-        Literal["preview", "raw"] | None,
-        Option(
-            "Pictures of coco, nerfstudio, colmap, kitti and euroc: the preview, or the digital numbers of the first "
-            "raw frame. Default: raw for kitti and euroc.",
-            panel=EXPORT,
-        ),
-    ]
-    incomplete: Annotated[
-        bool,
-        Option(
-            "Export what is there of a dataset that is not complete; without it that is refused.",
-            False,
-            panel=EXPORT,
-        ),
-    ]
-    licence: Annotated[
-        str | None,
-        Option(
-            "Licence for the card. Default: that of the dataset file.",
-            metavar="TEXT",
-            panel=EXPORT,
-        ),
-    ]
-    force: Annotated[
-        bool, Option("Replace an export that is there.", False, flag="--force", panel=EXPORT)
     ]

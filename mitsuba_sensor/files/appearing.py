@@ -99,6 +99,15 @@ def write_drawing(path: Path, content: bytes) -> None:
         temporary.write_bytes(content)
 
 
+@contextmanager
+def temporary_copy(name: str, content: bytes) -> Iterator[Path]:
+    """The path of a file with this name and content, for readers that take no bytes."""
+    with tempfile.TemporaryDirectory(prefix="mitsuba-sensor-") as folder:
+        path = Path(folder) / name
+        path.write_bytes(content)
+        yield path
+
+
 def refuse_empty(path: str | os.PathLike[str], name: str, remedy: str) -> None:
     """Raise InputError for an empty path, which would be the current folder, and for an address.
 

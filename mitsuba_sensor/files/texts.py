@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 from xml.etree import ElementTree
@@ -131,6 +132,24 @@ def _plain_value(value: object) -> object:
     if isinstance(value, np.generic | np.ndarray | Path):
         return plain_values(value)
     raise TypeError(f"{type(value).__name__} is no value of JSON")
+
+
+def yaml_text(values: Mapping[str, object]) -> str:
+    """Plain values as YAML 1.1, each list of numbers on one line; an array (rows, columns) is a matrix of OpenCV."""
+    import yaml
+
+    class Dumper(yaml.SafeDumper):  # type: ignore[misc]
+        def ignore_aliases(self, data: object) -> bool:
+            return True
+
+    def matrix(dumper: Any, array: np.ndarray) -> Any:
+        rows, columns = array.shape
+        entries = {"rows": rows, "cols": columns, "dt": "d", "data": array.ravel().tolist()}
+        return dumper.represent_mapping("tag:yaml.org,2002:opencv-matrix", entries)
+
+    Dumper.add_representer(np.ndarray, matrix)
+    form: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "allow_unicode": True}
+    return str(yaml.dump(dict(values), Dumper=Dumper, width=1e9, **form))
 
 
 def read_toml(path: Path) -> dict[str, Any]:
