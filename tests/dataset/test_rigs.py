@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.dataset.exports.export import export
-from mitsuba_sensor.dataset.plan.file import read_dataset
-from mitsuba_sensor.dataset.plan.planned import DatasetPlan, load_plan
-from mitsuba_sensor.dataset.run.run import run
+from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.plan import DatasetPlan, load_plan
+from mitsuba_sensor.dataset.run import run
 
 Floats = NDArray[np.float64]
 BASELINE_M = 0.2
@@ -260,7 +260,7 @@ def test_a_parameter_that_moves_a_sensor_moves_it_beside_the_first(tmp_path: Pat
     tables = {"grid": {"parameters.baseline": [0.1, 0.3], "exposure_s": [1e-4]}}
     view = {"origin_m": [0, 2, 0], "target_m": [0, 0, 0], "up": [0, 0, 1]}
     plan = plan_of(tmp_path, tables, sensors="all", views=[view])
-    poses = [x.config["look_at"] for x in plan.views()]
+    poses = [x.config["look_at"] for x in plan.tasks()]
     right = [[-0.1, 2, 0], [-0.3, 2, 0]]  # forward × up is −x
     origins = [pose["origin_m"] for pose in poses]
     np.testing.assert_allclose(origins, [[0, 2, 0], [0, 2, 0], *right])
@@ -269,12 +269,12 @@ def test_a_parameter_that_moves_a_sensor_moves_it_beside_the_first(tmp_path: Pat
 def test_sensors_are_named_by_id_or_number_and_listed_in_the_order_given(
     tmp_path: Path,
 ) -> None:
-    assert [x.config["sensor"] for x in plan_of(tmp_path, sensors=["1", "left"]).views()] == [
+    assert [x.config["sensor"] for x in plan_of(tmp_path, sensors=["1", "left"]).tasks()] == [
         "right",
         "left",
     ]
     alone = plan_of(tmp_path, sensors="right", path=PATH)
-    (first, *_) = alone.views()
+    (first, *_) = alone.tasks()
     assert list(first.config["look_at"]["origin_m"]) == THERE[0]
 
 
@@ -340,7 +340,7 @@ def test_frames_are_in_the_order_of_time_and_none_is_lost_where_two_have_the_sam
 def test_a_pose_again_at_another_time_is_another_view(tmp_path: Path) -> None:
     pose = {"origin_m": [0, 0, 3], "target_m": [0, 0, 0]}
     plan = plan_of(tmp_path, views=[{**pose, "time_s": 0}, {**pose, "time_s": 0.5}, pose])
-    assert plan.scenes and len({view.key for view in plan.views()}) == 3
+    assert plan.scenes and len({view.key for task in plan.tasks()}) == 3
 
 
 def test_start_s_of_the_render_beside_times_of_views_is_refused(tmp_path: Path) -> None:
@@ -356,7 +356,7 @@ def test_splits_count_the_samples_of_rigs(tmp_path: Path, by: list[str]) -> None
         "splits": {"shares": {"train": 0.5, "test": 0.5}, "by": by, "chips": 2},
     }
     plan = plan_of(tmp_path, tables, sensors="all", path=PATH)
-    samples = [sample for view in plan.views() for sample in view.samples]
+    samples = [sample for task in plan.tasks() for sample in task.samples]
     assert plan.samples == len(samples) == 4 * 2 * 3 * 2 * 2
     chips: dict[str, set[int]] = {"train": set(), "test": set()}
     for sample in samples:
