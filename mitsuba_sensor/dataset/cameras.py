@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import NamedTuple
 
-from ...camera.camera import Camera, with_fields_of
-from ...camera.camera_file import load_camera
-from ...camera.datasheet_errors import fields_of
-from ...camera.dual_pixels import has_several_readouts
-from ...camera.lens_file import list_lenses
-from ...camera.shipped import SHIPPED, list_cameras
-from ...core import InputError, nearest
-from ...files.scene_references import camera_references, check_below
-from ..store.keys import Config, Facts, key_of
+from ..camera.camera import Camera, with_fields_of
+from ..camera.camera_file import load_camera
+from ..camera.datasheet_errors import fields_of
+from ..camera.dual_pixels import has_several_readouts
+from ..camera.lens_file import list_lenses
+from ..camera.shipped import SHIPPED, list_cameras
+from ..core import InputError, nearest
+from ..files.scene_references import camera_references, check_below, files_digest, folder_names
 from .file import CameraEntry
-from .roots import find_below
+from .keys import Config, Facts, key_of
 from .sweep import Combination, of_kind
 from .values import SAME
 
@@ -37,11 +37,52 @@ class VariedCamera(NamedTuple):
     gain: str | None
 
 
+class Folders(NamedTuple):
+    """Where the files of a dataset are looked for.
+
+    roots : the folder of the dataset file, and those of --root.  untrusted : whether files outside of these are refused,
+    because somebody else has written the dataset file or a scene; else whatever it names is read.
+    """
+
+    roots: Sequence[Path]
+    untrusted: bool = False
+
+    def find(self, name: str, what: str) -> Path:
+        """The file of this name. Raises InputError where there is none, or it may not be read.
+
+        what : the file is, for messages.
+        """
+        remedy = f"name its folder with --root and write its path from there (the folders now: {folder_names(self.roots)})"
+        leads_out = os.path.isabs(name) or ".." in PurePath(name).parts or "\0" in name
+        if leads_out and (self.untrusted or "\0" in name):
+            raise InputError(
+                f"{what} is {name!r}, which may lead out of the folders that may be read; {remedy}."
+            )
+        for root in self.roots:
+            if os.path.isfile(root / name):  # False also for names that are too long
+                if self.untrusted and not (root / name).resolve().is_relative_to(
+                    root.resolve()
+                ):
+                    raise InputError(
+                        f"{what} is {name!r}, a link that leads out of {root}; {remedy}."
+                    )
+                return root / name
+        raise InputError(f"{what} is {name[:200]!r}, and there is no such file; {remedy}.")
+
+    def named(self, paths: Sequence[Path], beside: Path) -> list[tuple[str, Path]]:
+        """Names of files that are the same on every machine, and the files. Raises InputError for one outside."""
+        return check_below(paths, self.roots, None if self.untrusted else beside)
+
+    def digest(self, paths: Sequence[Path], beside: Path) -> str:
+        """SHA-256 over these names and the contents."""
+        return files_digest(paths, self.roots, None if self.untrusted else beside)
+
+
 class Cameras:
     """The cameras of the entries of a dataset file. Raises InputError for one that cannot be."""
 
-    def __init__(self, entries: Sequence[CameraEntry], roots: Sequence[Path]) -> None:
-        self.entries, self.roots = entries, roots
+    def __init__(self, entries: Sequence[CameraEntry], folders: Folders) -> None:
+        self.entries, self.folders = entries, folders
         self._files = [*map(self._file_of, entries)]
         self._varied: dict[str, VariedCamera] = {}
         self.as_given = [*map(self._of_entry, entries, self._files)]
@@ -79,7 +120,7 @@ class Cameras:
         else:
             found = camera_references(file)
         for changes in (fields_in(self.entries[one.camera].set), _varied(one)):
-            found += [find_below(name, self.roots, use) for name in _files_in(changes)]
+            found += [self.folders.find(name, use) for name in _files_in(changes)]
         yield from ((path, use) for path in found)
 
     def _file_of(self, entry: CameraEntry) -> Path | None:
@@ -92,8 +133,8 @@ class Cameras:
             raise InputError(f"{where} is not a camera; {remedy}.{near}")
         if shipped:
             return None
-        file = find_below(entry.camera, self.roots, where)
-        check_below(camera_references(file), self.roots)
+        file = self.folders.find(entry.camera, where)
+        self.folders.named(camera_references(file), file.parent)
         return file
 
     def _of_entry(self, entry: CameraEntry, file: Path | None) -> Camera:
@@ -110,7 +151,7 @@ class Cameras:
             if isinstance(value, Mapping):
                 found[field] = self._with_places(value, where, f"{name}.")
             elif _is_file(name, value):
-                found[field] = str(find_below(value, self.roots, f"{name} of {where}"))
+                found[field] = str(self.folders.find(value, f"{name} of {where}"))
         return found
 
 

@@ -10,18 +10,18 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
 import pydantic
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from ...camera.datasheet_errors import sentence
-from ...core import InputError, nearest
-from ...core.options import complete, declared
-from ...files import texts
-from ...files.appearing import refuse_empty
-from ...render.motion.motion import Number
-from ...render.options import RenderOptions
-from ...stages.datasheet import FileTable, optional
-from ..store.keys import Config
-from ..store.shard_size import MOST_FOLDERS, NUMBERS, USUAL
+from ..camera.datasheet_errors import sentence
+from ..core import InputError, nearest
+from ..core.options import complete, declared
+from ..core.small_files import toml_tables
+from ..files import texts
+from ..files.appearing import refuse_empty
+from ..render.motion.motion import Number
+from ..render.options import RenderOptions
+from ..stages.datasheet import FileTable, optional
+from .keys import Config
 from .scene_entry import Name, SceneEntry, Value
 from .values import SAME, check_field, check_value
 
@@ -180,27 +180,6 @@ class Splits(FileTable):
         return self
 
 
-def _whole_fraction(samples: int) -> int:
-    if samples and NUMBERS % samples:
-        raise ValueError(
-            f"is {samples}; it must be 0, for a folder for each sample, or divide {NUMBERS}, e.g. {USUAL}"
-        )
-    return samples
-
-
-class StoreTable(FileTable):
-    """How the samples are kept on the disk."""
-
-    shard_samples: (
-        Annotated[int, Field(ge=0, le=NUMBERS, strict=True), AfterValidator(_whole_fraction)]
-        | None
-    ) = optional(
-        f"samples of each shard, a tar file; 0 for a folder for each sample; by default folders up to {MOST_FOLDERS} "
-        f"samples, else shards of {USUAL}",
-        USUAL,
-    )
-
-
 class DatasetFile(FileTable):
     """A dataset: what is rendered and exposed, and which files each sample has."""
 
@@ -243,7 +222,6 @@ class DatasetFile(FileTable):
         "values drawn at random", {"draws": 100, "values": {}}
     )
     splits: Splits | None = optional("train, test, …", {"shares": {"train": 0.8, "test": 0.2}})
-    store: StoreTable = optional("how samples are kept", {"shard_samples": 0}, StoreTable())
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -307,31 +285,34 @@ def _unique(where: str, names: list[str]) -> None:
 
 def read_dataset(source: str | os.PathLike[str] | Config) -> DatasetFile:
     """A dataset file, or its tables. Raises InputError, one sentence."""
-    where, data = "the tables", source
-    if not isinstance(source, Mapping):
-        where = f"dataset file {os.fspath(source)!r}"
-        refuse_empty(
-            os.fspath(source),
-            "the dataset",
-            "give the path of a dataset file, e.g. dataset.toml",
-        )
-        try:
-            if Path(source).stat().st_size > LARGEST_BYTES:
-                raise InputError(
-                    f"{where} has more than {LARGEST_BYTES} bytes; is it a dataset file?"
-                )
-            data = texts.read_toml(Path(source))
-        except tomllib.TOMLDecodeError as error:
-            raise InputError(f"{where} is not valid TOML: {error}.") from None
-        except RecursionError:
-            raise InputError(
-                f"{where} is not valid TOML: its tables are nested too deeply."
-            ) from None
-        except (OSError, UnicodeDecodeError) as error:
-            why = getattr(error, "strerror", None) or "it is not text"
-            raise InputError(f"{where} cannot be read: {why}; give the path of one.") from None
+    if isinstance(source, Mapping):
+        return _checked(source, "the tables")
+    refuse_empty(
+        os.fspath(source), "the dataset", "give the path of a dataset file, e.g. dataset.toml"
+    )
+    return read_dataset_text(
+        text_of_dataset(Path(source)), f"dataset file {os.fspath(source)!r}"
+    )
+
+
+def text_of_dataset(path: Path) -> str:
+    """The text of a dataset file. Raises InputError."""
+    return texts.text_of_file(path, "give the path of a dataset file", LARGEST_BYTES)
+
+
+def read_dataset_text(
+    text: str, where: str = "the dataset file in dataset.json"
+) -> DatasetFile:
+    """The same of its text.  where : it stands, for messages."""
     try:
-        return DatasetFile.model_validate(data)
+        return _checked(toml_tables(text), where)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{where} is not valid TOML: {error}.") from None
+
+
+def _checked(tables: Config, where: str) -> DatasetFile:
+    try:
+        return DatasetFile.model_validate(tables)
     except pydantic.ValidationError as error:
         said = re.sub(r"\s+", " ", sentence(error, DatasetFile, where, "dataset"))
         raise InputError(said.replace(": the dataset: ", ": ", 1)) from None

@@ -7,8 +7,8 @@ import json
 from collections.abc import Mapping
 from typing import Any, TypeAlias
 
-from ... import __version__
-from ...core.versions import versions
+from .. import __version__
+from ..core.versions import versions
 
 Config: TypeAlias = Mapping[str, Any]
 """Plain values by name, ready for JSON."""

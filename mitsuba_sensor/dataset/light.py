@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
-from ...camera.exposure_times import later_exposures
-from ...core import Exposure, InputError
-from ...core.options import used
-from ...files.scene_references import files_digest, scene_references
-from ...files.shipped_scenes import (
+import numpy as np
+
+from ..camera.exposure_times import later_exposures
+from ..core import Exposure, Float64Array, InputError
+from ..core.options import used
+from ..files.scene_references import scene_references
+from ..files.sensor_names import ALL_SENSORS
+from ..files.shipped_scenes import (
     MOTION,
     NAME,
     SCENE,
@@ -18,18 +22,19 @@ from ...files.shipped_scenes import (
     scenes_folder,
     shipped_file,
 )
-from ...render.motion.motion import Motion, read_motion
-from ...render.options import RenderOptions
-from ..store.keys import Config, Facts
-from .cameras import VariedCamera, of_light
+from ..render.motion.motion import KeyPose, Motion, read_motion
+from ..render.options import RenderOptions
+from ..render.scene.scene_sensors import pose_in_file_m, refuse_one_place, with_sensor
+from ..render.scene.scene_settings import ParsedScene, parse_sensors
+from ..render.variants import fastest_variant, restores_variant
+from .cameras import Folders, VariedCamera, of_light
 from .file import OF_SCENE, DatasetFile
-from .rig import Rig, rig_of
-from .roots import find_below
+from .keys import Config, Facts, seed_of
 from .scene_entry import SceneEntry
 from .sweep import SENSOR, Combination, of_kind
 from .values import text_of
 
-FORMAT = 4  # of a dataset and of its configurations; another one is another key
+FORMAT = 4  # of configurations; another one is other keys, and with them other seeds
 SAMPLES = ("spp", "noise_ratio", "max_spp")  # options that say how many samples a render takes
 SPP = 128  # of a render that is told nothing of them
 PASSED_BY = ("gain", "luminance")  # options of a render that are none of its light
@@ -37,10 +42,10 @@ MOST_DIGESTS = 4096
 
 
 class Lights:
-    """Describes the light of samples.  roots : folders below which files may be read. Raises InputError."""
+    """Describes the light of samples. Raises InputError."""
 
-    def __init__(self, file: DatasetFile, roots: Sequence[Path]) -> None:
-        self.file, self.roots = file, roots
+    def __init__(self, file: DatasetFile, folders: Folders) -> None:
+        self.file, self.folders, self.roots = file, folders, folders.roots
         self.places = [self._place(scene) for scene in file.scenes]
         self._motion_files = [self._motion_file(scene) for scene in file.scenes]
         self._motions = [self._motion(number) for number in range(len(file.scenes))]
@@ -132,12 +137,14 @@ class Lights:
         return rig_of(entry, self.places[scene], dict(parameters), motion)
 
     def _digest_of(self, scene: int, parameters: tuple[tuple[str, str], ...]) -> str:
-        return files_digest(self._references(scene, parameters), self._roots_of(scene))
+        folders = self.folders._replace(roots=self._roots_of(scene))
+        return folders.digest(self._references(scene, parameters), self.places[scene].parent)
 
     def _references_of(
         self, scene: int, parameters: tuple[tuple[str, str], ...]
     ) -> Sequence[Path]:
-        return scene_references(self.places[scene], dict(parameters), self._roots_of(scene))
+        roots = self._roots_of(scene) if self.folders.untrusted else None
+        return scene_references(self.places[scene], dict(parameters), roots)
 
     def _roots_of(self, scene: int) -> Sequence[Path]:
         if shipped_file(self.file.scenes[scene].file, SCENE, self.roots):
@@ -163,7 +170,7 @@ class Lights:
 
     def _find(self, name: str, end: str, what: str) -> Path:
         """A file below the roots, else one that ships with the package."""
-        return shipped_file(name, end, self.roots) or find_below(name, self.roots, what)
+        return shipped_file(name, end, self.roots) or self.folders.find(name, what)
 
 
 def exposure_asked(values: Config) -> Facts:
@@ -172,3 +179,82 @@ def exposure_asked(values: Config) -> Facts:
         values.get(name) for name in ("exposure_s", "exposure_ev", "temperature_k")
     )
     return {"time_s": time_s, "ev": stops or 0, "temperature_k": kelvin}
+
+
+POSE_DIGITS = 9
+"""Of a pose that is computed [m]: what is left away is 1 nm, or 1e-9 of a direction."""
+
+
+class Rig(NamedTuple):
+    """Sensors of a scene.
+
+    poses_m : name of each that takes pictures → 4 × 4 to the world, as the file has it, without scale, in metres.
+    numbers : name of each sensor of the file → its number.
+    """
+
+    poses_m: Mapping[str, Float64Array]
+    numbers: Mapping[str, int]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the sensors that take pictures."""
+        return (*self.poses_m,)
+
+    def pose_of(self, sensor: str, first: Facts) -> Facts:
+        """Origin, target and up of a sensor.  first : those of the first one of the rig."""
+        places_m = [*self.poses_m.values()]
+        if sensor == self.names[0]:
+            return first
+        start = KeyPose(time_s=0, **first).pose
+        assert start is not None
+        pose = start @ np.linalg.inv(places_m[0]) @ self.poses_m[sensor]
+        origin, up, forward = pose[:3, 3], pose[:3, 1], pose[:3, 2]
+        vectors = {"origin_m": origin, "target_m": origin + forward, "up": up}
+        return {
+            name: [*(np.round(x, POSE_DIGITS) + 0.0).tolist()] for name, x in vectors.items()
+        }
+
+    def chip(self, serial: int, sensor: str) -> int:
+        """Serial number of the chip behind a sensor: that of the dataset for the first sensor of the file, for each
+        other one a number that belongs to both, because it is another chip."""
+        if number := self.numbers[sensor]:
+            return seed_of(f"serial {serial} sensor {number}")
+        return serial
+
+
+@restores_variant
+def rig_of(
+    entry: SceneEntry, place: Path, parameters: Mapping[str, str], motion: Motion
+) -> Rig:
+    """The sensors that an entry asks for.  place : of the scene file.  Raises InputError."""
+    try:
+        options = {"parameters": parameters, "variant": fastest_variant("llvm").name}
+        scenes = parse_sensors(str(place), options)
+        poses_m = dict[str, Float64Array]()
+        for name in _asked(entry, scenes):
+            unit_m = scenes[name].settings.metres(entry.scene_unit) or 1.0
+            poses_m[name] = pose_in_file_m(scenes[name].file, unit_m)
+        refuse_one_place(poses_m, None, motion)
+    except InputError as error:
+        raise InputError(f"scene {entry.name!r} of the dataset: {error}") from None
+    return Rig(poses_m, {name: number for number, name in enumerate(scenes)})
+
+
+def _asked(entry: SceneEntry, scenes: Mapping[str, ParsedScene]) -> Sequence[str]:
+    """Names of the sensors that are asked for by name or number, in this order. Raises InputError.
+
+    scenes : by the name of each sensor of the file.
+    """
+    if entry.sensors == ALL_SENSORS:
+        return [*scenes]
+    asked = entry.sensors or ()
+    if isinstance(asked, str):
+        asked = (asked,)
+    file, names = next(iter(scenes.values())).file, list[str]()
+    for one in asked:
+        chosen = with_sensor(file, one).chosen
+        assert chosen is not None
+        if chosen.name in names:
+            raise InputError(f"sensors names {chosen.name!r} twice; give each once.")
+        names.append(chosen.name)
+    return names

@@ -28,12 +28,21 @@ class RootOptions(TypedDict, total=False):
     roots: Annotated[
         list[str] | None,
         Option(
-            "Folder below which scenes, cameras and motions may be read, beside that of the dataset file. Repeatable. "
+            "Folder in which scenes, cameras and motions are looked for, beside that of the dataset file. Repeatable. "
             "Default: the current folder.",
             flag="--root",
             metavar="DIR",
             panel="Scene",
             text=list[str],
+        ),
+    ]
+    untrusted: Annotated[
+        bool,
+        Option(
+            "Read files below these folders and that of the dataset file only, whatever the file and its scenes name: "
+            "for those that somebody else has written.",
+            False,
+            panel="Scene",
         ),
     ]
 
@@ -45,7 +54,7 @@ class RunOptions(TypedDict, total=False):
         int | None,
         Option(
             "Processes of this machine; 0 is this process alone, which dies with a scene that ends its renderer. "
-            "Default: 2 where there are two cores, and 0 for a shard.",
+            "Default: 2 where there are two cores.",
             low=0,
             high=1024,
             example="2",
@@ -60,10 +69,24 @@ class RunOptions(TypedDict, total=False):
             panel=ENGINE,
         ),
     ]
+    tls_ca: Annotated[
+        str | None,
+        Option(
+            "Certificate authority of a scheduler at tls://HOST:PORT.",
+            metavar="FILE",
+            panel=ENGINE,
+        ),
+    ]
+    tls_cert: Annotated[
+        str | None, Option("Certificate that is shown to it.", metavar="FILE", panel=ENGINE)
+    ]
+    tls_key: Annotated[
+        str | None, Option("Private key of that certificate.", metavar="FILE", panel=ENGINE)
+    ]
     shard: Annotated[
         tuple[int, int] | None,
         Option(
-            "Make the i-th of n equal parts only, in this process: n machines then need no scheduler.",
+            "Make the i-th of n equal parts only: n machines then need no scheduler.",
             check=checked_shard,
             metavar="i/n",
             panel=ENGINE,
@@ -73,7 +96,7 @@ class RunOptions(TypedDict, total=False):
     timeout_s: Annotated[
         float | None,
         Option(
-            "End a process whose render or sample takes longer, in seconds. Default: never.",
+            "End a process that takes longer for a light and its samples, in seconds. Default: never.",
             low=0.001,
             high=1e9,
             example="600",
@@ -90,4 +113,6 @@ class RunOptions(TypedDict, total=False):
             panel=ENGINE,
         ),
     ]
-    retry: Annotated[bool, Option("Also try what is in quarantine.", False, panel=ENGINE)]
+    retry: Annotated[
+        bool, Option("Also try again what could not be made.", False, panel=ENGINE)
+    ]

@@ -6,10 +6,10 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, PlainValidator, model_validator
 
-from ...core import InputError
-from ...render.motion.motion import KeyPose, Number, Vector, read_motion
-from ...stages.datasheet import FileTable, optional
-from ..store.keys import Facts
+from ..core import InputError
+from ..render.motion.motion import KeyPose, Number, Vector, read_motion
+from ..stages.datasheet import FileTable, optional
+from .keys import Facts
 from .values import plain_value, value_or_list
 
 Plain = Annotated[bool | float | int | str, PlainValidator(plain_value)]

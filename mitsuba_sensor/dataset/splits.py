@@ -6,13 +6,12 @@ import json
 from bisect import bisect_left
 from collections.abc import Hashable, Iterable, Iterator, Sequence
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 
-from ...core import InputError
-from ..store.keys import Facts
+from ..core import InputError
 from .file import DatasetFile, Splits
+from .keys import Facts
 from .sweep import Light, SceneSweep, Values, cells, drawn_values, share_of, values_of_cell
 
 Chip = tuple[str, int]
@@ -28,16 +27,6 @@ REMEDY = (
 )
 
 
-class Dealt(NamedTuple):
-    """Some of the lights of a scene that are of one split.  samples : of each row, camera and serial number that they
-    have.  rows : numbers of the rows that they are of."""
-
-    split: str
-    lights: int
-    samples: int
-    rows: Sequence[int]
-
-
 class SplitOf:
     """Which split a scene and a chip belong to. Raises InputError where there are too few of them for the splits.
 
@@ -51,7 +40,7 @@ class SplitOf:
         self._chips: dict[str, Shares] = {}
         if self.splits is None:
             return
-        scenes = (scene for sweep in sweeps for scene, _ in self._coordinates(sweep))
+        scenes = (scene for sweep in sweeps for scene in self._scenes_of(sweep))
         self._scenes = Shares(scenes, self.splits, file.seed, "scenes", REMEDY)
         if file.random and "serial" in file.random.values:
             raise InputError(
@@ -96,16 +85,6 @@ class SplitOf:
             values |= drawn_values(self.file, sweep.entry.name, light.draws[0])
         return self._scenes.of(self._scene(sweep, values))
 
-    def dealt(self, sweep: SceneSweep) -> Iterator[Dealt]:
-        """All lights of a scene by their splits."""
-        if self.splits is None:
-            samples = sweep.lights // len(sweep.draws) * sweep.draws.all
-            samples *= cells(sweep.of_exposure)
-            yield Dealt("", sweep.lights, samples, range(len(sweep.rows)))
-            return
-        for scene, dealt in self._coordinates(sweep):
-            yield dealt._replace(split=self._scenes.of(scene))
-
     @property
     def _block(self) -> int:
         """Neighbouring poses that are in one split."""
@@ -123,41 +102,24 @@ class SplitOf:
         names = self.file.random.values if self.file.random else {}
         return any(name in names for name in self.splits.by)
 
-    def _coordinates(self, sweep: SceneSweep) -> Iterator[tuple[str, Dealt]]:
-        """Each scene, as ``by`` tells them apart, perhaps several times, and what it has."""
+    def _scenes_of(self, sweep: SceneSweep) -> Iterator[str]:
+        """Each scene, as ``by`` tells them apart, perhaps several times."""
         assert self.splits is not None
         by = self.splits.by
         grid = {name: values for name, values in sweep.of_light.items() if name in by}
-        poses = len(sweep.poses)
-        together = poses
-        if "view" in by:
-            together = self._block
-        blocks = range(0, poses, together)
-        rows: Sequence[Sequence[int]] = [range(len(sweep.rows))]
-        if any(name in row for row in sweep.rows for name in by):
-            rows = [[row] for row in range(len(sweep.rows))]
-        groups: Sequence[Sequence[int]] = [range(sweep.draws.all)]
-        if self._by_draw(sweep):
-            groups = [sweep.draws.of(number) for number in range(len(sweep.draws))]
-        lights_of_pose = cells(sweep.of_light) // cells(grid)
-        if (scenes := len(blocks) * cells(grid) * len(rows) * len(groups)) > MOST_SCENES:
+        blocks = range(0, len(sweep.poses) if "view" in by else 1, self._block)
+        by_draw = self._by_draw(sweep)
+        lights = range(len(sweep.draws) if by_draw else 1)
+        if (most := len(blocks) * cells(grid) * len(sweep.rows) * len(lights)) > MOST_SCENES:
             raise InputError(
-                f"splits.by tells {scenes} scenes apart; splits deal out at most {MOST_SCENES}: name less in by."
+                f"splits.by tells {most} scenes apart; splits deal out at most {MOST_SCENES}: name less in by."
             )
-        for draws in groups:
-            for first_pose, cell, some in product(blocks, range(cells(grid)), rows):
-                values = {
-                    "view": first_pose,
-                    **values_of_cell(grid, cell),
-                    **sweep.rows[some[0]],
-                }
-                if self._by_draw(sweep):
-                    values |= drawn_values(self.file, sweep.entry.name, draws[0])
-                lights = min(together, poses - first_pose) * lights_of_pose
-                samples = lights * len(draws) * cells(sweep.of_exposure)
-                yield (
-                    self._scene(sweep, values),
-                    Dealt("", lights * len(sweep.draws) // len(groups), samples, some),
+        for light, view, cell in product(lights, blocks, range(cells(grid))):
+            draw = sweep.draws.of(light)[0]
+            drawn = drawn_values(self.file, sweep.entry.name, draw) if by_draw else {}
+            for row in sweep.rows:
+                yield self._scene(
+                    sweep, {"view": view, **values_of_cell(grid, cell), **row, **drawn}
                 )
 
     def _scene(self, sweep: SceneSweep, varied: Values) -> str:

@@ -11,10 +11,10 @@ from typing import NamedTuple, overload
 import numpy as np
 import scipy
 
-from ...core import InputError
-from ...render.motion.motion import KeyPose
-from ..store.keys import Config, Facts
+from ..core import InputError
+from ..render.motion.motion import KeyPose
 from .file import DatasetFile, Distribution
+from .keys import Config, Facts
 from .scene_entry import SceneEntry, Value, View
 
 Values = Config

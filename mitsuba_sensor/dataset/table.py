@@ -104,7 +104,9 @@ class Table(Sequence[Line]):
 
     def line(self, place: int) -> Line:
         """The row at a place."""
-        return _line_of(self._rows.row(place if self._chosen is None else int(self._chosen[place])))
+        return _line_of(
+            self._rows.row(place if self._chosen is None else int(self._chosen[place]))
+        )
 
     @property
     def digest(self) -> str:
@@ -128,13 +130,17 @@ class Table(Sequence[Line]):
             here |= np.array([*(is_equal(x, value) for x in values), False])[numbers]
         if not here.any():
             known = [text or "none" for text in self.counts(name)]
-            shown = known[:MOST_SAID] + ([f"… ({len(known)} values)"] if len(known) > MOST_SAID else [])
+            shown = known[:MOST_SAID] + (
+                [f"… ({len(known)} values)"] if len(known) > MOST_SAID else []
+            )
             raise InputError(
                 f"{name} is {value!r}; the samples have {', '.join(shown)}.{nearest(str(value), known)}"
             )
         chosen = copy(self)
         places = np.flatnonzero(here)
-        chosen._chosen = places if self._chosen is None else np.intersect1d(places, self._chosen)
+        chosen._chosen = (
+            places if self._chosen is None else np.intersect1d(places, self._chosen)
+        )
         return chosen
 
     def counts(self, name: str) -> dict[str, int]:
@@ -154,7 +160,11 @@ class Table(Sequence[Line]):
 
     def _coded(self, name: str) -> Iterator[tuple[list[object], NDArray[np.int64]]]:
         """The values of a name, each once, and for each row the number of its own, −1 for none: of each kind."""
-        columns = [x for x in self._rows.types if x == name or (x not in PLACES and _name_of(x) == name)]
+        columns = [
+            x
+            for x in self._rows.types
+            if x == name or (x not in PLACES and _name_of(x) == name)
+        ]
         return map(self._rows.coded, columns)
 
 
@@ -173,7 +183,9 @@ def open_table(store: Store) -> ParquetRows:
 
 def digest_of(shards: Iterable[Shard]) -> str:
     """SHA-256 of the names of shards."""
-    return hashlib.sha256("\n".join(sorted(shard.name for shard in shards)).encode()).hexdigest()
+    return hashlib.sha256(
+        "\n".join(sorted(shard.name for shard in shards)).encode()
+    ).hexdigest()
 
 
 def table_bytes(store: Store) -> bytes:

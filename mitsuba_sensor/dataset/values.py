@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 
-from ...core import Exposure, InputError, nearest, require, require_seed
-from ...optics.waveform import FROM_FILE, waveform_of
+from ..core import Exposure, InputError, nearest, require, require_seed
+from ..optics.waveform import FROM_FILE, waveform_of
 
 LARGEST = sys.float_info.max
 LARGEST_WHOLE = 2**63
@@ -31,6 +31,9 @@ PREFIXES = {
     "camera": "a field of the camera's datasheet",
     "lights": "level or waveform of a light group",
 }
+
+PICTURE = "frame.png"
+"""The preview of a sample."""
 
 SAME = {"f_number": "camera.lens.f_number", "focus_m": "camera.lens.focus_m"}
 """A field → what it is the short name of."""
@@ -105,6 +108,11 @@ def value_or_list(value: object) -> bool | float | str | tuple[float, ...]:
     ):
         raise ValueError(f"{value!r:.100} must have finite numbers only, e.g. [0.5, 0.5, 1]")
     return tuple(map(float, value))
+
+
+def stops_taken(stops: float) -> float:
+    """By which factor a preview is brighter for the stops that an exposure takes away."""
+    return float(2.0 ** max(-stops, 0.0))
 
 
 def text_of(value: object) -> str:

@@ -10,8 +10,9 @@ import os
 import secrets
 import shutil
 import time
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
@@ -135,6 +136,30 @@ def remove_folder(folder: Path) -> None:
             else:
                 shutil.rmtree(folder)
             return
+
+
+@contextmanager
+def scratch_folder(parent: Path) -> Iterator[Path]:
+    """A folder for what is written for a short time; it goes with the block. Raises DiskFull and InputError."""
+    folder = scratch_name(parent)
+    with undone_if_stopped(partial(remove_folder, folder)):
+        try:
+            with disk_sentences(parent, FOLDER_BYTES):
+                make_lasting(parent)
+                folder.mkdir()
+            yield folder
+        finally:
+            with suppress(OSError):
+                remove_folder(folder)
+
+
+def taken_out(folder: Path) -> dict[str, bytes]:
+    """Name → content of the files in a folder, which are removed."""
+    found = {}
+    for name in names_of(folder):
+        found[name] = (folder / name).read_bytes()
+        (folder / name).unlink()
+    return found
 
 
 def remove_unfinished(folder: Path) -> None:
