@@ -1,4 +1,4 @@
-"""Exports that others read: every sample is as it is in the dataset, and every surface point on the pixel that shows it.
+"""Exports that others read: every sample is as in the dataset, and every surface point on the pixel that shows it.
 
 Judges: Hugging Face's datasets, webdataset, h5py, pycocotools, pykitti, evo, pycolmap, OpenCV, PyYAML.
 """
