@@ -128,10 +128,11 @@ class DatasetPlan:
         """Which split a scene belongs to."""
         return SplitOf(self.file, self.cameras.models, self.sweeps)
 
-    @cached_property
-    def record(self) -> Record:
-        """What a dataset of this plan says that it is made from."""
-        return Record(self.text, dict(self.made_by), self.sources)
+    def record(self, samples: int) -> Record:
+        """What a dataset of this plan says that it is made from.  samples : that it has."""
+        return Record(
+            made_by=dict(self.made_by), samples=samples, text=self.text, sources=self.sources
+        )
 
     @cached_property
     def sources(self) -> dict[str, str]:

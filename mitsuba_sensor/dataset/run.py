@@ -172,10 +172,11 @@ class _Run:
             require_folder(store.folder)
             check_scenes(plan)  # before anything is written
             store.clean()
-        store.write_record(plan.record)
+        record = plan.record(counts.samples)
+        store.write_record(record)
         self._put_aside([finished[key] for key in finished.keys() - self.samples_of.keys()])
         failures = read_failures(store)
-        job = Job(str(store.folder), plan.record)
+        job = Job(str(store.folder), record)
         self.show(progress)
         for outcome in outcomes(self._missing(failures), job, self.chosen):
             self._note(outcome)

@@ -16,7 +16,7 @@ import math
 import operator
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from copy import copy
 from functools import cached_property
 from typing import NamedTuple
@@ -100,13 +100,25 @@ class Table(Sequence[Line]):
         if self._chosen is not None:
             yield from map(self.line, range(len(self)))
         else:
-            yield from map(_line_of, self._rows.all_rows())
+            with self._as_written():
+                yield from map(_line_of, self._rows.all_rows())
 
     def line(self, place: int) -> Line:
         """The row at a place."""
-        return _line_of(
-            self._rows.row(place if self._chosen is None else int(self._chosen[place]))
-        )
+        row = place if self._chosen is None else int(self._chosen[place])
+        with self._as_written():
+            return _line_of(self._rows.row(row))
+
+    @contextmanager
+    def _as_written(self) -> Iterator[None]:
+        """What cannot be read of the table becomes a sentence. Raises InputError."""
+        try:
+            yield
+        except (ValueError, KeyError, TypeError):
+            path = self.store.folder / INDEX
+            raise InputError(
+                f"{path} is not as it was written; remove it: it is made again when the dataset is opened."
+            ) from None
 
     @property
     def digest(self) -> str:
@@ -154,7 +166,8 @@ class Table(Sequence[Line]):
 
     def places(self, column: str, beginning: str) -> list[int]:
         """Places of the rows of which this column, of texts, begins so."""
-        values, numbers = self._rows.coded(column)
+        with self._as_written():
+            values, numbers = self._rows.coded(column)
         here = np.array([*(str(x).startswith(beginning) for x in values), False])[numbers]
         return np.flatnonzero(here if self._chosen is None else here[self._chosen]).tolist()
 
@@ -165,7 +178,8 @@ class Table(Sequence[Line]):
             for x in self._rows.types
             if x == name or (x not in PLACES and _name_of(x) == name)
         ]
-        return map(self._rows.coded, columns)
+        with self._as_written():
+            return iter([*map(self._rows.coded, columns)])
 
 
 def open_table(store: Store) -> ParquetRows:
@@ -192,9 +206,18 @@ def table_bytes(store: Store) -> bytes:
     """The content of index.parquet. Raises InputError for a shard that is not as it was written."""
     kinds = kinds_of(read_dataset_text(store.require_record().text))
     shards = store.finished()
-    order = sorted((store.rows(shard)[0].number, shard) for shard in shards.values())
+    order = sorted(
+        (min(row.number for row in store.rows(shard)), shard) for shard in shards.values()
+    )
     about = {OF_SHARDS: digest_of(shards.values())}
-    return parquet_bytes(_groups(store, [shard for _, shard in order], kinds), kinds, about)
+    try:
+        return parquet_bytes(_groups(store, [shard for _, shard in order], kinds), kinds, about)
+    except InputError:
+        raise
+    except (ValueError, TypeError, KeyError) as error:
+        raise InputError(
+            f"the shards of {store.folder} are not of the dataset file in its record ({error}); was it changed?"
+        ) from None
 
 
 def _groups(
