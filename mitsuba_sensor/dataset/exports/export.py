@@ -211,8 +211,7 @@ def _options_of(name: str, given: ExportOptions) -> Facts:
 
 def _missing(dataset: Dataset) -> str:
     """How many samples of a dataset are missing, for a sentence; empty where it is complete."""
-    planned = getattr(dataset.store.require_record(), "samples", None)
-    there = len(Dataset(dataset.folder))
-    if planned is None or there >= planned:
+    planned, there = dataset.store.require_record().samples, len(Dataset(dataset.folder))
+    if there >= planned:
         return ""
     return f"{planned - there} of {planned} samples are missing"
