@@ -16,9 +16,8 @@ from helpers.scenes import SKY, scene_text, write_scene
 from PIL import Image
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.cli.sample_sheet import time_text
 from mitsuba_sensor.dataset import TorchDataset, batches, make_dataset
-from mitsuba_sensor.dataset.card import SAMPLES_READ_MAX, caption, sheet_rows
+from mitsuba_sensor.dataset.card import SAMPLES_READ_MAX, caption, sheet_rows, time_text
 from mitsuba_sensor.dataset.store import Store
 from mitsuba_sensor.dataset.table import Line
 from mitsuba_sensor.optics.spectra import inverse_srgb_curve, srgb_curve
@@ -271,7 +270,7 @@ def test_a_row_of_the_sheet_is_a_scene_and_view_and_says_the_exposures(made: Pat
     assert [row.label for row in rows] == [["flat"], ["box", "view 0"], ["box", "view 1"]]
     for row in rows:
         lines = [picture.caption[0] for picture in row.pictures]
-        assert len(lines) == 4 and {"2.2e-05 s", "5.5e-06 s, -2 EV"} < {*lines}
+        assert len(lines) == 4 and {"22 µs", "5.5 µs, -2 EV"} < {*lines}
         assert {picture.caption[1] for picture in row.pictures} == {
             "full_scale_v 1",
             "full_scale_v 0.1",
@@ -281,9 +280,9 @@ def test_a_row_of_the_sheet_is_a_scene_and_view_and_says_the_exposures(made: Pat
 @pytest.mark.parametrize(
     ("values", "lines"),
     [
-        ({"exposure_ev": -1.5, "camera.adc.bits": 10}, ["0.3 s, -1.5 EV", "bits 10"]),
-        ({"exposure_ev": 0, "camera": "bayer"}, ["0.3 s", "bayer"]),
-        ({"traverse.lamp.value": [0.5, 1.0, 2.0], "view": 3}, ["0.3 s", "value 0.5 1 2"]),
+        ({"exposure_ev": -1.5, "camera.adc.bits": 10}, ["300 ms, -1.5 EV", "bits 10"]),
+        ({"exposure_ev": 0, "camera": "bayer"}, ["300 ms", "bayer"]),
+        ({"traverse.lamp.value": [0.5, 1.0, 2.0], "view": 3}, ["300 ms", "value 0.5 1 2"]),
     ],
 )
 def test_a_caption_is_the_time_that_was_exposed_and_what_varies(
