@@ -14,8 +14,6 @@ from .terminal import fact, path_fact
 if TYPE_CHECKING:
     from ..dataset.read import Dataset, Sample
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9}
-
 
 def sample_facts(dataset: Dataset, place: int, sample: Sample) -> dict[str, Any]:
     """What is said of a sample, ready for JSON. Raises InputError for a sample that is not as it was written.
@@ -69,15 +67,9 @@ def sample_sheet(facts: dict[str, Any], picture: str) -> RenderableType:
     )
 
 
-def time_text(seconds: float) -> str:
-    """A time with its unit: 22 µs, 0 s, 1.5 s."""
-    unit = next((unit for unit, size in TIME_UNITS.items() if seconds >= size), "ns")
-    if not seconds:
-        unit = "s"
-    return f"{seconds / TIME_UNITS[unit]:.4g} {unit}"
-
-
 def _image(image: dict[str, Any]) -> str:
+    from ..dataset.card import time_text
+
     frames = "1 frame" if image["frames"] == 1 else f"{image['frames']} frames"
     black, white = number(image["black_level_dn"]), number(image["white_level_dn"])
     return (

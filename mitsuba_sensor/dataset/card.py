@@ -35,6 +35,7 @@ LESS_RENDER_NOISE = (
 )
 ROW_NAMES = ("scene", "view", "time_s", "pose", "exposure_s", "exposure_ev")
 """Values that stand elsewhere in a contact sheet than below the exposure of a picture."""
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9}
 HOW = """import mitsuba_sensor as ms
 
 for sample in ms.Dataset("DIR"):
@@ -261,7 +262,7 @@ def _varied(values: Sequence[Config]) -> list[str]:
 def caption(line: Line, varied: Sequence[str]) -> list[str]:
     """The exposure as it was, metering and stops included, and what else varies: one line for each."""
     stops, time_s = line.values.get("exposure_ev"), line.exposed["exposed_s"]
-    found = [f"{time_s:.3g} s, {stops:+g} EV" if stops else f"{time_s:.3g} s"]
+    found = [f"{time_text(time_s)}, {stops:+g} EV" if stops else time_text(time_s)]
     for name in varied:
         if name in line.values and name not in ROW_NAMES:
             values = line.values[name]
@@ -269,6 +270,14 @@ def caption(line: Line, varied: Sequence[str]) -> list[str]:
             text = " ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in values)
             found.append(text if name == "camera" else f"{name.rpartition('.')[2]} {text}")
     return found[:CAPTION_LINES_MAX]
+
+
+def time_text(seconds: float) -> str:
+    """A time with its unit: 22 µs, 0 s, 1.5 s."""
+    unit = next((unit for unit, size in TIME_UNITS.items() if seconds >= size), "ns")
+    if not seconds:
+        unit = "s"
+    return f"{seconds / TIME_UNITS[unit]:.3g} {unit}"
 
 
 def _range(values: Iterable[float | None]) -> str | float | None:

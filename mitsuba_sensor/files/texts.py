@@ -135,7 +135,8 @@ def _plain_value(value: object) -> object:
 
 
 def yaml_text(values: Mapping[str, object]) -> str:
-    """Plain values as YAML 1.1, each list of numbers on one line; an array (rows, columns) is a matrix of OpenCV."""
+    """Plain values as YAML 1.1, each list on one line with its texts in quotes, as OpenCV needs them; an array (rows,
+    columns) is a matrix of OpenCV."""
     import yaml
 
     class Dumper(yaml.SafeDumper):  # type: ignore[misc]
@@ -147,8 +148,20 @@ def yaml_text(values: Mapping[str, object]) -> str:
         entries = {"rows": rows, "cols": columns, "dt": "d", "data": array.ravel().tolist()}
         return dumper.represent_mapping("tag:yaml.org,2002:opencv-matrix", entries)
 
+    def sequence(dumper: Any, items: list[object]) -> Any:
+        node = dumper.represent_list(items)
+        for item in node.value:
+            if item.tag == "tag:yaml.org,2002:str":
+                item.style = '"'
+        return node
+
     Dumper.add_representer(np.ndarray, matrix)
-    form: dict[str, Any] = {"sort_keys": False, "default_flow_style": None, "allow_unicode": True}
+    Dumper.add_representer(list, sequence)
+    form: dict[str, Any] = {
+        "sort_keys": False,
+        "default_flow_style": None,
+        "allow_unicode": True,
+    }
     return str(yaml.dump(dict(values), Dumper=Dumper, width=1e9, **form))
 
 

@@ -24,6 +24,7 @@ from ..read import IMAGES, PICTURE, Dataset, Sample
 from .formats import FORMATS, ExportOptions
 
 PNG_BITS_MAX = 16
+MB = 10**6
 DEFAULT_ARRAYS = ("raw", "clean", "variance")
 
 
@@ -61,6 +62,11 @@ class Job:
     def licence(self) -> str:
         """As the options say it, or the dataset file."""
         return self.options["licence"] or self.file.licence
+
+    @property
+    def shard_bytes(self) -> int:
+        """Largest size of a file."""
+        return self.options["shard_mb"] * MB
 
     def done(self, samples: int = 1) -> None:
         """So many more samples are written, or left out."""
@@ -205,8 +211,7 @@ def _options_of(name: str, given: ExportOptions) -> Facts:
 
 def _missing(dataset: Dataset) -> str:
     """How many samples of a dataset are missing, for a sentence; empty where it is complete."""
-    planned = getattr(dataset.store.require_record(), "samples", None)
-    there = len(Dataset(dataset.folder))
-    if planned is None or there >= planned:
+    planned, there = dataset.store.require_record().samples, len(Dataset(dataset.folder))
+    if there >= planned:
         return ""
     return f"{planned - there} of {planned} samples are missing"

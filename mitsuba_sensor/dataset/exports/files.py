@@ -1,4 +1,4 @@
-"""The files of each sample in a folder SCENE/NUMBER-KEY, and those of its light in SCENE/light-TASK: `dataset unpack`."""
+"""The files of each sample in SCENE/NUMBER-KEY, those of its light in SCENE/light-TASK: `dataset unpack`."""
 
 from __future__ import annotations
 

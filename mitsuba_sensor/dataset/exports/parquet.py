@@ -53,8 +53,7 @@ def write(job: Job) -> str:
             job.place(f"data/{splits[split]}").parent,
             _rows(job, samples, kinds, files),
         )
-        shard_bytes = job.options["shard_mb"] * 10**6
-        write_parquet_shards(folder, splits[split], kinds, about, rows, shard_bytes)
+        write_parquet_shards(folder, splits[split], kinds, about, rows, job.shard_bytes)
     return HOW.format(split=splits[split], array=arrays[0])
 
 

@@ -33,7 +33,7 @@ def write(job: Job) -> str:
             if sample.has(PICTURE):
                 files["png"] = sample.content(PICTURE)
             members = b"".join(member_bytes(f"{sample.key}.{x}", y) for x, y in files.items())
-            shard_bytes = job.options["shard_mb"] * 10**6 - len(TAR_END)
+            shard_bytes = job.shard_bytes - len(TAR_END)
             if content and sum(map(len, content)) + len(members) > shard_bytes:
                 job.bytes(f"{name}-{number:06d}.tar", b"".join([*content, TAR_END]))
                 number, content = number + 1, []
