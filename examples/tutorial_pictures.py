@@ -36,7 +36,7 @@ def rows_of(dataset: ms.Dataset) -> list[SheetRow]:
     rows = defaultdict[Any, list[Captioned]](list)
     for sample in dataset:
         lines = caption(sample.values, (), sample.facts["image"]["exposure_s"])
-        picture = Captioned(sample.folder / "frame.png", lines)
+        picture = Captioned(sample.files["frame.png"], lines)
         rows[sample.values["scene"], f"chip {sample.values['serial']}", sample.split].append(
             picture
         )

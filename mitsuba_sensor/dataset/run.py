@@ -275,11 +275,9 @@ class _Run:
         self.progress.render_noise = overview.render_noise
         self.progress.remarks += overview.remarks
 
-    def _said_when_stopped(self) -> str | None:
+    def _said_when_stopped(self) -> str:
         """How many samples are on the disk, whoever made them, also those of which this process has not heard yet."""
         shards = self.store.finished()
-        if not shards:
-            return None
         known = dict(self.samples_of)
         count = sum(
             known.get(key) or len(self.store.rows(shard)) for key, shard in shards.items()

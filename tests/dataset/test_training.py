@@ -9,9 +9,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from PIL import Image
-
 from mitsuba_sensor.dataset.plan.planned import load_plan
+from PIL import Image
 
 ROOT = Path(__file__).parents[2]
 PAIRS = ROOT / "examples" / "denoiser_pairs.toml"
