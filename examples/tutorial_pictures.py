@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.dataset.exports.sheet import caption
+from mitsuba_sensor.dataset.card import caption
 from mitsuba_sensor.files.png import write_png
 from mitsuba_sensor.output.contact_sheet import Captioned, SheetRow, contact_sheet
 
