@@ -35,7 +35,7 @@ def rows_of(dataset: ms.Dataset) -> list[SheetRow]:
     """Previews of a dataset: a row for each scene and chip, in the order of the exposures, as in its contact sheet."""
     rows = defaultdict[Any, list[Captioned]](list)
     for sample in dataset:
-        lines = caption(sample.values, (), sample.facts["image"]["exposure_s"])
+        lines = caption(sample.line, ())
         picture = Captioned(sample.files["frame.png"], lines)
         rows[sample.values["scene"], f"chip {sample.values['serial']}", sample.split].append(
             picture

@@ -25,7 +25,7 @@ from typing import Any, TypeAlias
 from ..core import DiskFull, InputError
 from ..files import worker_log
 from ..files.memory import TOO_MUCH_MEMORY, memory_limit
-from ..stopping import end_quietly, signals_held, undo_when_terminated
+from ..stopping import end_quietly, signals_held, undo_when_terminated, undone_if_stopped
 from .keys import Config, made_by
 from .options import RunOptions
 from .plan import Task
@@ -115,8 +115,13 @@ def outcomes(tasks: Iterable[Task], job: Job, options: RunOptions) -> Iterator[O
     left = iter(tasks)
     if (first := next(left, None)) is None:  # no process where nothing is missing
         return
-    with _pool(job, options) as pool:
-        running: dict[futures.Future[Ended], Task] = {}
+    running: dict[futures.Future[Ended], Task] = {}
+
+    def forget_logs() -> None:
+        for task in running.values():
+            worker_log.forget(job.log_path(task))
+
+    with undone_if_stopped(forget_logs), _pool(job, options) as pool:
         left, tries = chain([first], left), Counter[str]()
         while True:
             while len(running) < pool.room() and (task := next(left, None)) is not None:
@@ -283,7 +288,7 @@ def _cluster(job: Job, options: RunOptions) -> Iterator[Pool]:
         try:
             security = distributed.Security(require_encryption=True, **tls) if tls else None
             client = distributed.Client(address, timeout="20s", security=security)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, TypeError) as error:  # the last one of TLS without a certificate
             raise InputError(
                 f"there is no Dask scheduler at {address} ({error}); start one with `dask scheduler`, and "
                 "workers with `dask worker ADDRESS --nthreads 1`."

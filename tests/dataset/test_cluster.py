@@ -61,7 +61,7 @@ def test_a_worker_of_another_version_is_refused_with_both_versions(
 def test_no_scheduler_is_one_sentence(no_renders: pytest.MonkeyPatch, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"there is no Dask scheduler at nowhere://1"):
         make(tmp_path / "out", scheduler="nowhere://1")
-    with pytest.raises(InputError, match=r"tls_ca|no Dask scheduler"):
+    with pytest.raises(InputError, match=r"no Dask scheduler at tls://"):
         make(tmp_path / "out", scheduler="tls://127.0.0.1:1", tls_ca="no_such_file.pem")
 
 

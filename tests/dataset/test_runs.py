@@ -171,7 +171,7 @@ def test_a_task_that_raises_dies_takes_too_long_or_too_much_costs_that_task_alon
 ) -> None:
     """1 and 7 are made, 2 raises, 3 always dies, 4 dies once, 5 takes too long, 6 too much memory."""
     plan = plan_of(grid={"parameters.radiance": RADIANCES})
-    options = complete(RunOptions, {"workers": 2, "timeout_s": 15.0})
+    options = complete(RunOptions, {"workers": 2, "timeout_s": 8.0})
     job = Job(str(tmp_path), plan.record(7), 1.2, make=make_badly)
     found = {
         round(1e4 * float(x.task.config["parameters"]["radiance"])): x
