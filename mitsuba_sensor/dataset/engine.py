@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent import futures
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from itertools import chain
 from multiprocessing import connection, resource_tracker
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -53,14 +54,24 @@ class Outcome:
     full: DiskFull | None = None
 
 
+def make_anew(store: Store, record: Record, task: Task) -> object:
+    """:func:`.make.make_task`, for which Mitsuba is loaded here."""
+    from .make import load_renderer, make_task
+
+    load_renderer()
+    return make_task(store, record, task)
+
+
 @dataclass(frozen=True)
 class Job:
-    """What a worker needs besides the task.  capture : whether what is printed on stderr is kept for failures."""
+    """What a worker needs besides the task.  capture : whether what is printed on stderr is kept for failures.
+    make : commits a task."""
 
     folder: str
     record: Record
     memory_gb: float | None = None
     capture: bool = True
+    make: Callable[[Store, Record, Task], object] = make_anew
 
     def log_path(self, task: Task) -> Path:
         """Where what a process prints is while it makes a task."""
@@ -86,12 +97,9 @@ def run_task(job: Job, task: Task) -> Ended:
     store, log = Store(job.folder), job.log_path(task)
     failed: Ended = ("", "", None)
     try:
-        from .make import load_renderer, make_task
-
-        load_renderer()
         with worker_log.captured(log, job.capture), memory_limit(job.memory_gb):
             if task.key not in store.finished():  # another run may have made it meanwhile
-                make_task(store, job.record, task)
+                job.make(store, job.record, task)
     except DiskFull as error:
         failed = (str(error), "", error)
     except InputError as error:
@@ -108,10 +116,13 @@ def outcomes(tasks: Iterable[Task], job: Job, options: RunOptions) -> Iterator[O
     if (first := next(left, None)) is None:  # no process where nothing is missing
         return
     with _pool(job, options) as pool:
-        running, tries = {pool.submit(first): first}, Counter[str]()
-        while running:
+        running: dict[futures.Future[Ended], Task] = {}
+        left, tries = chain([first], left), Counter[str]()
+        while True:
             while len(running) < pool.room() and (task := next(left, None)) is not None:
                 running[pool.submit(task)] = task
+            if not running:
+                return
             done = futures.wait(running, LOOKS_EVERY_S, futures.FIRST_COMPLETED).done
             if not done:
                 pool.check()

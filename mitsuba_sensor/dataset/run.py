@@ -176,7 +176,7 @@ class _Run:
         store.write_record(record)
         self._put_aside([finished[key] for key in finished.keys() - self.samples_of.keys()])
         failures = read_failures(store)
-        job = Job(str(store.folder), record)
+        job = Job(str(store.folder), record, self.chosen["memory_gb"])
         self.show(progress)
         for outcome in outcomes(self._missing(failures), job, self.chosen):
             self._note(outcome)

@@ -30,6 +30,7 @@ import os
 import re
 import tarfile
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -219,18 +220,25 @@ class Store:
     def record(self) -> Record | None:
         """The record of the folder; where it is missing or damaged, that of any of its shards. None where there is no
         dataset. Raises InputError for one of another format."""
-        contents = [self._record_content()]
-        contents += map(self._record_in, self.finished().values())
-        for content in contents:
+        own = self._record_content()
+        for content in (own, *map(self._record_in, self.finished().values())):
             if (record := record_of(content)) is not None:
-                if record.format != FORMAT:
-                    raise InputError(
-                        f"{self.folder} holds a dataset of format {record.format}, written by mitsuba-sensor "
-                        f"{record.made_by.get('mitsuba-sensor')}, and this version has format {FORMAT}; use that "
-                        "version, or give another folder."
-                    )
+                self._require_format(record.format, record.made_by)
                 return record
+        with suppress(ValueError, RecursionError):  # of a later version, which has other fields
+            facts = json.loads(own)
+            if isinstance(facts, dict) and facts.get("format", FORMAT) != FORMAT:
+                self._require_format(facts["format"], facts.get("made_by"))
         return None
+
+    def _require_format(self, number: object, made_by: object) -> None:
+        if number != FORMAT:
+            versions = made_by if isinstance(made_by, dict) else {}
+            raise InputError(
+                f"{self.folder} holds a dataset of format {number!r:.20}, made with mitsuba-sensor "
+                f"{versions.get('mitsuba-sensor')!s:.20}, and this version has format {FORMAT}; use that version, or "
+                "give another folder."
+            )
 
     def require_record(self) -> Record:
         """The same. Raises InputError where there is no dataset."""

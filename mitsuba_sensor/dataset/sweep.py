@@ -57,7 +57,7 @@ class Poses(Sequence[View | None]):
     """The poses of the camera in a scene; None is that of the scene file.  Those of a path are found by number."""
 
     def __init__(self, scene: SceneEntry) -> None:
-        self.path, self.given = scene.path, scene.views or (None,)
+        self.name, self.path, self.given = scene.name, scene.path, scene.views or (None,)
 
     def __len__(self) -> int:
         if self.path is None:
@@ -81,7 +81,13 @@ class Poses(Sequence[View | None]):
         if not self.path.has_poses:
             return View(time_s=time_s)
         origin, target, up = (tuple(map(float, one)) for one in self.vectors([number])[0])
-        return View(origin_m=origin, target_m=target, up=up, time_s=time_s)
+        try:
+            return View(origin_m=origin, target_m=target, up=up, time_s=time_s)
+        except ValueError:  # the keys were checked, and this one is between them
+            raise InputError(
+                f"view {number} on the path of scene {self.name!r} is at {[*origin]} and looks at {[*target]}: that is "
+                "one point, or straight along up; move a key, or give it another up."
+            ) from None
 
     def times_s(self, numbers: Sequence[int]) -> np.ndarray:
         """When the frames of these views begin [s], (N,); NaN where nothing says it."""

@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
+import time
+import tracemalloc
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pytest
 import scipy.stats
-from helpers.datasets import SCENES, TABLES
+from helpers.datasets import TABLES, plan_of, samples_of, tasks_of
+from helpers.marks import exhaustive
 
-from mitsuba_sensor.dataset.plan.configured import PlannedSample
-from mitsuba_sensor.dataset.plan.file import Distribution, read_dataset
-from mitsuba_sensor.dataset.plan.planned import DatasetPlan, PlannedView
-from mitsuba_sensor.dataset.plan.sweep import Poses, drawn, share_of
-from mitsuba_sensor.dataset.run.run import numbers_of_shard
+from mitsuba_sensor import InputError
+from mitsuba_sensor.dataset.file import Distribution
+from mitsuba_sensor.dataset.keys import key_of
+from mitsuba_sensor.dataset.light import exposure_asked
+from mitsuba_sensor.dataset.plan import checked_counts
+from mitsuba_sensor.dataset.sweep import Poses, drawn, share_of
 
 POSE = {"origin_m": [0, 0, 1], "target_m": [0, 0, 0]}
 
 
-def planned(**changes: Any) -> list[PlannedView]:
-    return list(DatasetPlan(read_dataset({**TABLES, **changes}), [SCENES]).views())
-
-
-def samples(views: list[PlannedView]) -> list[PlannedSample]:
-    return [sample for view in views for sample in view.samples]
-
-
 def test_a_hundred_exposures_of_five_chips_are_one_render() -> None:
     grid = {"exposure_s": [0.001 * k for k in range(1, 101)], "serial": [1, 2, 3, 4, 5]}
-    views = planned(grid=grid)
+    views = tasks_of(grid=grid)
     assert len(views) == 1 and len({one.key for one in views[0].samples}) == 500
 
 
@@ -51,8 +47,8 @@ def test_a_hundred_exposures_of_five_chips_are_one_render() -> None:
 def test_only_what_changes_the_light_is_rendered_anew(
     name: str, values: list[Any], renders: int
 ) -> None:
-    views = planned(grid={name: values})
-    assert (len(views), len(samples(views))) == (renders, 2)
+    views = tasks_of(grid={name: values})
+    assert (len(views), len(samples_of(views))) == (renders, 2)
 
 
 def test_a_cube_is_shared_by_cameras_of_one_band_and_lens() -> None:
@@ -60,38 +56,34 @@ def test_a_cube_is_shared_by_cameras_of_one_band_and_lens() -> None:
         {"camera": "konnik_table1", "name": "a", "set": {"quantum_efficiency.value": 0.6}},
         {"camera": "konnik_table1", "name": "b", "set": {"quantum_efficiency.value": 0.3}},
     ]
-    assert len(planned(cameras=cameras)) == 2
-    assert len(planned(cameras=cameras, render={"spectral": "cube", "spp": 16})) == 1
+    assert len(tasks_of(cameras=cameras)) == 2
+    assert len(tasks_of(cameras=cameras, render={"spectral": "cube", "spp": 16})) == 1
 
 
 def test_every_combination_is_made_once() -> None:
-    file = read_dataset(
-        {
-            **TABLES,
-            "grid": {"exposure_s": [0.1, 0.2], "parameters.radiance": [1e-4, 2e-4, 3e-4]},
-            "list": [{"serial": 1, "temperature_k": 280}, {"serial": 2, "temperature_k": 300}],
-            "random": {"draws": 4, "values": {"exposure_ev": {"uniform": [-1, 1]}}},
-        }
-    )
-    plan = DatasetPlan(file, [SCENES])
-    views = list(plan.views())
-    found = samples(views)
-    assert len(found) == plan.numbers == 2 * 3 * 2 * 4
+    file_tables: dict[str, Any] = {
+        "grid": {"exposure_s": [0.1, 0.2], "parameters.radiance": [1e-4, 2e-4, 3e-4]},
+        "list": [{"serial": 1, "temperature_k": 280}, {"serial": 2, "temperature_k": 300}],
+        "random": {"draws": 4, "values": {"exposure_ev": {"uniform": [-1, 1]}}},
+    }
+    views = tasks_of(**file_tables)
+    found = samples_of(views)
+    assert len(found) == 2 * 3 * 2 * 4
     assert len({tuple(sorted(one.values.items())) for one in found}) == len(found)
-    assert len(views) == 3 and len({one.key for one in samples(views)}) == plan.samples == 48
+    assert len(views) == 3 and len({one.key for one in found}) == 48
 
 
 def test_a_sample_does_not_depend_on_what_else_is_in_the_dataset() -> None:
     values = {"temperature_k": {"uniform": [270, 300]}}
-    alone = planned(grid={"exposure_s": [0.1]}, random={"draws": 1, "values": values})
-    among = planned(
+    alone = tasks_of(grid={"exposure_s": [0.1]}, random={"draws": 1, "values": values})
+    among = tasks_of(
         description="another text",
         licence="CC0-1.0",
         scenes=[{"name": "wedge", "file": "step_wedge.xml"}, *TABLES["scenes"]],
         grid={"exposure_s": [0.2, 0.1]},
         random={"draws": 7, "values": values},
     )
-    assert samples(alone)[0].key in {one.key for one in samples(among)}
+    assert samples_of(alone)[0].key in {one.key for one in samples_of(among)}
 
 
 @pytest.mark.parametrize(
@@ -128,19 +120,22 @@ def test_a_sample_does_not_depend_on_what_else_is_in_the_dataset() -> None:
 )
 def test_everything_that_decides_a_sample_is_in_its_key(change: Mapping[str, Any]) -> None:
     usual = {"grid": {"exposure_s": [0.1]}}
-    assert samples(planned(**usual))[0].key != samples(planned(**{**usual, **change}))[0].key
+    assert (
+        samples_of(tasks_of(**usual))[0].key
+        != samples_of(tasks_of(**{**usual, **change}))[0].key
+    )
 
 
 def test_names_and_texts_for_people_are_not_in_the_key() -> None:
-    usual = samples(planned(grid={"exposure_s": [0.1]}))[0].key
+    usual = samples_of(tasks_of(grid={"exposure_s": [0.1]}))[0].key
     named = [{"camera": "konnik_table1", "name": "mine", "set": {}}]
-    other = planned(
+    other = tasks_of(
         grid={"exposure_s": [0.1]},
         cameras=named,
         scenes=[{"name": "other", "file": "flat_field.xml"}],
         name="b",
     )
-    assert samples(other)[0].key == usual
+    assert samples_of(other)[0].key == usual
 
 
 LAWS: list[tuple[dict[str, Any], Any]] = [
@@ -165,16 +160,13 @@ def test_whole_numbers_and_choices_are_equally_likely(law: dict[str, Any]) -> No
 
 
 def test_a_draw_is_the_same_for_every_camera_and_row_and_other_for_every_scene() -> None:
-    file = read_dataset(
-        {
-            **TABLES,
-            "scenes": [{"name": name, "file": "flat_field.xml"} for name in ("a", "b")],
-            "cameras": [{"camera": "konnik_table1"}, {"camera": "bayer_2mp"}],
-            "random": {"draws": 5, "values": {"exposure_s": {"log_uniform": [0.01, 1]}}},
-        }
-    )
+    file_tables: dict[str, Any] = {
+        "scenes": [{"name": name, "file": "flat_field.xml"} for name in ("a", "b")],
+        "cameras": [{"camera": "konnik_table1"}, {"camera": "bayer_2mp"}],
+        "random": {"draws": 5, "values": {"exposure_s": {"log_uniform": [0.01, 1]}}},
+    }
     found: dict[tuple[str, int], set[float]] = {}
-    for one in samples(list(DatasetPlan(file, [SCENES]).views())):
+    for one in samples_of(tasks_of(**file_tables)):
         scene_and_draw = one.values["scene"], one.config["draw"]
         found.setdefault(scene_and_draw, set()).add(one.values["exposure_s"])
     assert all(len(values) == 1 for values in found.values())
@@ -187,10 +179,10 @@ def test_a_path_goes_through_its_keys_in_even_steps() -> None:
         {"time_s": 1, "origin_m": [2, 0, 4], "target_m": [0, 1, 0]},
         {"time_s": 3, "origin_m": [2, 4, 4], "target_m": [0, 1, 0]},
     ]
-    file = read_dataset(
-        {**TABLES, "scenes": [{**TABLES["scenes"][0], "path": {"views": 7, "keys": keys}}]}
-    )
-    found = [view for view in Poses(file.scenes[0]) if view is not None]
+    file_tables: dict[str, Any] = {
+        "scenes": [{**TABLES["scenes"][0], "path": {"views": 7, "keys": keys}}]
+    }
+    found = [view for view in Poses(plan_of(**file_tables).file.scenes[0]) if view is not None]
     origins = np.array([view.origin_m for view in found])
     expected = [[0, 0, 4], [1, 0, 4], [2, 0, 4], [2, 1, 4], [2, 2, 4], [2, 3, 4], [2, 4, 4]]
     np.testing.assert_allclose(origins, expected, atol=1e-6)
@@ -206,70 +198,70 @@ def test_a_loop_has_each_pose_once() -> None:
         for n, corner in enumerate(corners)
     ]
     scene = TABLES["scenes"][0]
-    loop = read_dataset({**TABLES, "scenes": [{**scene, "path": {"views": 8, "keys": keys}}]})
+    loop = plan_of(scenes=[{**scene, "path": {"views": 8, "keys": keys}}]).file
     found = [view.origin_m for view in Poses(loop.scenes[0]) if view is not None]
     middles = [[1, 0, 0], [0, 0, -1], [-1, 0, 0], [0, 0, 1]]
     expected = [place for pair in zip(corners, middles, strict=False) for place in pair]
     np.testing.assert_allclose(found, expected, atol=1e-6)
     turned = [*keys[:-1], {**keys[-1], "up": [0, 1, 1]}]
-    no_loop = read_dataset(
-        {**TABLES, "scenes": [{**scene, "path": {"views": 9, "keys": turned}}]}
-    )
+    no_loop = plan_of(scenes=[{**scene, "path": {"views": 9, "keys": turned}}]).file
     np.testing.assert_allclose(
         [view.origin_m for view in Poses(no_loop.scenes[0]) if view], [*expected, corners[0]]
     )
 
 
-LARGE: dict[str, dict[str, Any]] = {
-    "one view": {
-        "grid": {
-            "repetition": [*range(10_000)],
-            "exposure_s": [0.001 * k for k in range(1, 1001)],
-        }
-    },
-    "draws of other light": {
-        "random": {
-            "draws": 10**7,
-            "values": {"parameters.radiance": {"log_uniform": [1e-5, 1e-3]}},
-        }
-    },
-}
+@pytest.mark.parametrize(("samples", "seconds"), [(2_000, 0.5), exhaustive(1_000_000, 80.0)])
+def test_samples_stream_without_a_list_of_them(samples: int, seconds: float) -> None:
+    """A million in 40 s of one idle processor, and 300 MB."""
+    draws = {"parameters.radiance": {"log_uniform": [1e-5, 1e-3]}}
+    plan = plan_of(
+        random={"draws": samples // 2, "values": draws}, grid={"exposure_s": [0.1, 0.2]}
+    )
+    next(plan.tasks())
+    tracemalloc.start()
+    began = time.process_time()
+    counts = checked_counts(plan)
+    assert counts.samples == samples and counts.tasks == samples // 2
+    assert tracemalloc.get_traced_memory()[1] < 1e7 + 30 * samples
+    tracemalloc.stop()
+    assert time.process_time() - began < 30 * seconds  # tracing takes its time
 
 
-@pytest.mark.parametrize("name", LARGE)
-def test_a_sample_of_ten_million_is_found_by_its_number(name: str) -> None:
-    """And is the same, whatever part of the dataset is asked for."""
-    plan = DatasetPlan(read_dataset({**TABLES, **LARGE[name]}), [SCENES])
-    assert plan.samples == plan.numbers == 10**7
-    some = samples(list(plan.views(7_654_990, 7_655_010)))
-    alone = [samples(list(plan.views(n, n + 1))) for n in range(7_654_990, 7_655_010)]
-    assert len(some) == 20 and [[one] for one in some] == alone
-    assert len({one.key for one in some}) == 20
+def test_samples_of_a_light_with_many_are_several_tasks_of_one_light() -> None:
+    tasks = tasks_of(grid={"repetition": [*range(2500)]})
+    assert [len(task.samples) for task in tasks] == [1000, 1000, 500]
+    assert (
+        len({task.light_key for task in tasks}) == len({str(task.lead) for task in tasks}) == 1
+    )
+    large = tasks_of(
+        grid={"repetition": [*range(200)]}, cameras=[{"camera": "sony_a7s2"}], render={"spp": 4}
+    )
+    assert 1 < len(large) <= 200 // 16 + 1, "samples of 12 million pixels"
 
 
-def test_samples_of_a_view_with_many_are_several_tasks_of_one_light() -> None:
-    views = planned(grid={"repetition": [*range(2500)]})
-    assert [len(view.samples) for view in views] == [1000, 1000, 500]
-    assert len({view.key for view in views}) == 1 and not any(view.is_whole for view in views)
-    assert all(view.lead == views[0].samples[0].config for view in views)
+@pytest.mark.parametrize(
+    "tables",
+    [
+        {"grid": {"exposure_s": [1, 0.1, 1.0]}},
+        {"list": [{"exposure_s": 0.1}, {"exposure_s": 0.1}]},
+        {"scenes": [{"name": name, "file": "flat_field.xml"} for name in ("a", "b")]},
+        {"cameras": [{"camera": "konnik_table1", "name": name} for name in ("a", "b")]},
+        {"scenes": [{**TABLES["scenes"][0], "views": [POSE, POSE]}]},
+        {"grid": {"f_number": [4, 4.0]}},
+    ],
+)
+def test_two_samples_that_are_one_are_refused_with_both_places(tables: dict[str, Any]) -> None:
+    with pytest.raises(
+        InputError, match=r"two samples are the same \(.*scene .*; and .*scene "
+    ):
+        checked_counts(plan_of(**tables))
 
 
 def test_draws_with_the_same_choice_of_light_share_it() -> None:
     laws = {"f_number": {"choice": [2.0, 4.0]}, "exposure_s": {"uniform": [0.1, 0.2]}}
-    views = planned(random={"draws": 40, "values": laws})
-    assert len(views) == 2 and len({one.key for one in samples(views)}) == 40
-    assert sorted(one.config["draw"] for one in samples(views)) == [*range(40)]
-
-
-@pytest.mark.parametrize("shards", [1, 4, 5, 12, 13])
-def test_shards_split_a_view_into_parts_of_equal_size(shards: int) -> None:
-    """They are disjoint and together all; a dataset of one view, too."""
-    grid = {"exposure_s": [0.1, 0.2, 0.3, 0.4], "serial": [1, 2, 3]}
-    plan = DatasetPlan(read_dataset({**TABLES, "grid": grid}), [SCENES])
-    numbers = [numbers_of_shard(plan, (k, shards)) for k in range(1, shards + 1)]
-    parts = [samples(list(plan.views(part.start, part.stop))) for part in numbers]
-    assert {len(part) for part in parts} <= {12 // shards, -(-12 // shards)}
-    assert [one for part in parts for one in part] == samples(list(plan.views()))
+    views = tasks_of(random={"draws": 40, "values": laws})
+    assert len(views) == 2 and len({one.key for one in samples_of(views)}) == 40
+    assert sorted(one.config["draw"] for one in samples_of(views)) == [*range(40)]
 
 
 @pytest.mark.parametrize("rows", [[{"exposure_s": 0.1}, {}], [{"exposure_s": "auto"}], [{}]])
@@ -278,22 +270,22 @@ def test_samples_of_what_moves_share_no_light_that_was_metered_for_another_gain(
 ) -> None:
     """Each sample names the light that its own configuration asks for."""
     scene = {**TABLES["scenes"][0], "motion": {"camera": {"velocity_m_per_s": [0.01, 0, 0]}}}
-    tables = {
-        **TABLES,
+    tables: dict[str, Any] = {
         "scenes": [scene],
         "list": rows,
         "grid": {"camera.adc.black_level_dn": [10, 20]},
     }
-    plan = DatasetPlan(read_dataset(tables), [SCENES])
-    views = list(plan.views())
-    for scene_of in plan.scenes:
-        sweep = scene_of.sweep
+    plan = plan_of(**tables)
+    for sweep in plan.sweeps:
         for number in range(sweep.lights):
             light = sweep.light(number)
             for row in range(len(rows)):
                 keys = set()
                 for exposure in range(sweep.exposures(light)):
                     one = sweep.combination(light, row, 0, exposure)
-                    keys.add(plan.light_key(one, plan.cameras.of(one))[1])
+                    light_facts = plan.lights.described(
+                        one, plan.cameras.of(one), exposure_asked(one.values)
+                    )
+                    keys.add(key_of(light_facts))
                 assert len(keys) == 1
-    assert len(samples(views)) == 2 * len(rows)
+    assert len(samples_of([*plan.tasks()])) == 2 * len(rows)
