@@ -127,7 +127,7 @@ def steps_bar(console: Console, now: str = "") -> Iterator[Callable[[int, int, s
 
 @contextmanager
 def samples_bar(console: Console) -> Iterator[Show]:
-    """A bar over samples, with the rate, the time so far and failures. Yields what :func:`dataset.run.run` shows to."""
+    """A bar over samples, with the rate, the time so far and failures. Yields what :func:`dataset.run` shows to."""
     texts = (
         MofNCompleteColumn(),
         TextColumn("{task.description}", markup=False),

@@ -40,8 +40,8 @@ class VariedCamera(NamedTuple):
 class Folders(NamedTuple):
     """Where the files of a dataset are looked for.
 
-    roots : the folder of the dataset file, and those of --root.  untrusted : whether files outside of these are refused,
-    because somebody else has written the dataset file or a scene; else whatever it names is read.
+    roots : the folder of the dataset file, and those of --root.  untrusted : whether files outside of these folders are
+    rejected, because somebody else wrote the dataset file or a scene. Otherwise every file that they name is read.
     """
 
     roots: Sequence[Path]
@@ -52,7 +52,8 @@ class Folders(NamedTuple):
 
         what : the file is, for messages.
         """
-        remedy = f"name its folder with --root and write its path from there (the folders now: {folder_names(self.roots)})"
+        known = folder_names(self.roots)
+        remedy = f"name its folder with --root and write its path from there (the folders now: {known})"
         leads_out = os.path.isabs(name) or ".." in PurePath(name).parts or "\0" in name
         if leads_out and (self.untrusted or "\0" in name):
             raise InputError(

@@ -48,7 +48,7 @@ class RootOptions(TypedDict, total=False):
 
 
 class RunOptions(TypedDict, total=False):
-    """All options of :func:`dataset.run.run`."""
+    """All options of :func:`dataset.run`."""
 
     workers: Annotated[
         int | None,

@@ -1,7 +1,7 @@
-"""The plan of a dataset file: its tasks in the order of the file, each one light and samples that are exposed to it.
+"""The plan of a dataset file: its tasks in the order of the file, each one light and the samples exposed to it.
 
-Tasks are yielded one after another, and nothing is kept of them. The key of a sample is the hash of all that decides its
-pixels, and that of a task the hash of its light and of its samples.
+Tasks are yielded one after another, and nothing is kept of them. The key of a sample is the hash of everything that
+decides its pixels. The key of a task is the hash of its light and of its samples.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ Thing = TypeVar("Thing")
 class PlannedSample:
     """One sample.
 
-    number : of the sample in the order of the file.  key : hash of its configuration.  pixels : hash of what decides its
-    pixels, whatever its files.  config : what decides them.  values : what varies, for people.
+    number : of the sample in the order of the file.  key : hash of its configuration.  pixels : hash of everything that
+    decides its pixels, whatever files it has.  config : what decides them.  values : what varies, for people.
     """
 
     number: int
@@ -75,8 +75,8 @@ class Task:
     """One light and samples that are exposed to it, in the order of their keys.
 
     light_key : hash of what decides the light, config, and of the outputs that its samples share.
-    scene_file : where the scene is on this machine.  lead : camera, gain, exposure and outputs of the sample for which the
-    light is rendered: the same for all tasks of the light, in whatever order the file has its values.
+    scene_file : where the scene is on this machine.  lead : camera, gain, exposure and outputs of the sample for which
+    the light is rendered: the same for all tasks of the light, in whatever order the file has its values.
     """
 
     key: str

@@ -208,9 +208,8 @@ class _Run:
             self.store.put_aside(shard)
         if shards:
             self.progress.remarks.append(
-                f"{len(shards)} shards of {self.store.folder} had samples or splits that the dataset file does not have "
-                f"any more; they are in {self.store.folder / 'earlier'} now, which nothing reads: remove it to save "
-                "the space."
+                f"moved {len(shards)} shards to {self.store.folder / 'earlier'}, because the dataset file no longer "
+                "has their samples or splits; nothing reads that folder, so remove it to save space."
             )
 
     def _missing(self, failures: dict[str, Failure]) -> Iterator[Task]:
@@ -275,11 +274,9 @@ class _Run:
         self.progress.render_noise = overview.render_noise
         self.progress.remarks += overview.remarks
 
-    def _said_when_stopped(self) -> str | None:
+    def _said_when_stopped(self) -> str:
         """How many samples are on the disk, whoever made them, also those of which this process has not heard yet."""
         shards = self.store.finished()
-        if not shards:
-            return None
         known = dict(self.samples_of)
         count = sum(
             known.get(key) or len(self.store.rows(shard)) for key, shard in shards.items()
@@ -299,15 +296,17 @@ def check_same(plan: DatasetPlan, store: Store) -> None:
     for name, version in plan.made_by.items():
         if (before := record.made_by.get(name)) != version:
             raise InputError(
-                f"{folder} was made with {name} {before or '(not installed)'}, and here it is {version or 'not there'}; "
+                f"{folder} was made with {name} {before or '(not installed)'}, and {version or 'none'} is installed; "
                 f"install that version, or {NEW_FOLDER}."
             )
-    if record.text != plan.text:
-        if changed := growth_refused(read_dataset_text(record.text), plan.file):
-            raise InputError(
-                f"{folder} was made from another dataset file: {changed} differ; only scenes, cameras, rows, values of "
-                f"[grid] and draws may come to those that were there. Restore the file, or {NEW_FOLDER}."
-            )
+    changed = record.text != plan.text and growth_refused(
+        read_dataset_text(record.text), plan.file
+    )
+    if changed:
+        raise InputError(
+            f"{folder} was made from another dataset file: {changed} differ, and a dataset can only gain scenes, "
+            f"cameras, rows, values of [grid] and draws; restore the file, or {NEW_FOLDER}."
+        )
     changed_files = [
         name
         for name, digest in record.sources.items()

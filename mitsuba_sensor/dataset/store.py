@@ -87,9 +87,8 @@ class Row(BaseModel):
 class Record(BaseModel):
     """What a dataset is made from.
 
-    text : of the dataset file, as it was written.  samples : that it has when it is complete.  made_by : versions of what
-    pixels depend on.  sources : SHA-256 of every file that it is made from, by its name below the folders that may be
-    read.
+    text : of the dataset file, as it was written.  samples : number of samples of the complete dataset.  made_by :
+    versions of everything that pixels depend on.  sources : SHA-256 of every source file, by its name.
     """
 
     model_config = ConfigDict(frozen=True, strict=True)

@@ -4,9 +4,9 @@ It is made from the shards alone: from the rows that each has at its end (store.
 it and finds it missing, damaged, or of other shards than there are now; where it cannot be written, in memory.
 
 Columns: key, split, shard (name of its file), offset, bytes, light_offset and light_bytes (places in the shard), number
-(in the order of the dataset file), exposed_s, system_gain_dn_per_e and black_level_dn (as exposed), scene, camera, and a
-column for everything that varies. A name with values of several kinds has a column for each: ``exposure_s`` its numbers,
-``exposure_s (text)`` the ``auto``.
+(in the order of the dataset file), exposed_s, system_gain_dn_per_e and black_level_dn (of the first frame), scene,
+camera, and a column for everything that varies. A name with values of several kinds has a column for each:
+``exposure_s`` holds the numbers, ``exposure_s (text)`` holds ``auto``.
 """
 
 from __future__ import annotations

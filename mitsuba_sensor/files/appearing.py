@@ -117,8 +117,7 @@ def refuse_empty(path: str | os.PathLike[str], name: str, remedy: str) -> None:
         raise InputError(f"{name} is empty; {remedy}.")
     if _OF_ADDRESS.match(str(path)):
         raise InputError(
-            f"{name} is {path}, an address of an object store, which only `mitsuba-sensor dataset push` and ms.Dataset "
-            f"take; {remedy}."
+            f"{name} is {path}, the address of an object store; copy it to a folder here, or {remedy}."
         )
 
 

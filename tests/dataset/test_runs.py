@@ -27,7 +27,7 @@ from helpers.datasets import (
 from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
-from mitsuba_sensor import DiskFull, InputError
+from mitsuba_sensor.core import DiskFull, InputError
 from mitsuba_sensor.core.options import complete
 from mitsuba_sensor.dataset import make_dataset
 from mitsuba_sensor.dataset import run as run_module

@@ -6,7 +6,7 @@ import random
 from typing import Any
 
 import pytest
-from helpers.datasets import TABLES, plan_of, samples_of
+from helpers.datasets import TABLES, plan_of, samples_of, tasks_of
 from helpers.marks import exhaustive
 
 from mitsuba_sensor import InputError
@@ -108,7 +108,7 @@ def test_the_shares_are_those_asked_for(scenes: int) -> None:
 def test_splits_need_something_to_share_out() -> None:
     shares = {"train": 0.5, "test": 0.5}
     with pytest.raises(InputError, match=r"1 scenes for 2 splits .*deals out the poses"):
-        plan_of(splits={"shares": shares}).splits
+        tasks_of(splits={"shares": shares})
     with pytest.raises(InputError, match=r"by has 'pose'; give scene, view, parameters\.NAME"):
         read_dataset({**TABLES, "splits": {"shares": shares, "by": ["pose"]}})
     with pytest.raises(InputError, match="chips is given and serial is varied"):
@@ -164,7 +164,7 @@ def test_a_block_needs_poses_that_are_dealt_out() -> None:
     with pytest.raises(InputError, match=r'block is 5, .* give by = \["scene", "view"\]'):
         read_dataset({**TABLES, "splits": {"shares": shares, "block": 5}})
     with pytest.raises(InputError, match=r"1 scenes for 2 splits .* a smaller block"):
-        plan_of(**path_tables(20, 20, **shares)).splits
+        tasks_of(**path_tables(20, 20, **shares))
 
 
 def test_poses_of_one_scene_are_dealt_out_to_splits() -> None:

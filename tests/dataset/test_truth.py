@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.datasets import SCENES, TABLES
-
-import mitsuba_sensor as ms
 from mitsuba_sensor.dataset.index.repair import holdings
 from mitsuba_sensor.dataset.plan.configured import PlannedSample
-from mitsuba_sensor.dataset.plan.file import read_dataset
-from mitsuba_sensor.dataset.plan.planned import DatasetPlan
 from mitsuba_sensor.dataset.run.forecast import counts_of
-from mitsuba_sensor.dataset.run.run import run
 from mitsuba_sensor.dataset.run.view_render import camera_of
 from mitsuba_sensor.dataset.store.keys import key_of, seed_of
 from mitsuba_sensor.dataset.store.store import Store
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.plan import DatasetPlan
+from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.render.variants import fastest_variant
 from mitsuba_sensor.sensor.checks import as_photons
 from mitsuba_sensor.sensor.metering import electrons_of
