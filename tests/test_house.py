@@ -67,6 +67,7 @@ IMPORTED_IN = {
         "render/",
         "dataset/file.py",
         "dataset/scene_entry.py",
+        "dataset/read.py",
         "dataset/store.py",
         "dataset/run.py",
     ),
