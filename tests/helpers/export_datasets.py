@@ -58,5 +58,6 @@ def made_dataset(folder: Path, text: str = FLIGHT) -> Path:
     """A dataset that is made in ``folder`` of a file with this text, and of the two scenes."""
     write_scenes(folder)
     (folder / "dataset.toml").write_text(text, "utf-8")
-    make_dataset(folder / "dataset.toml", folder / "made", roots=[folder], workers=0)
+    found = make_dataset(folder / "dataset.toml", folder / "made", roots=[folder], workers=0)
+    assert not found.failed, found.failed
     return folder / "made"
