@@ -242,6 +242,7 @@ def test_light_that_is_too_bright_and_missing_samples_are_in_the_card(tmp_path: 
     """A sky of 7.3e9 cd/m² is metered to nanoseconds; without pictures there is no sheet."""
     write_scene(tmp_path, scene_text(SKY.replace("2e-4", "1e5")))
     text = FILE[: FILE.index("grid")].replace(', "preview", "aovs"', "").replace('"raw", ', "")
+    text = text.replace("width = 24", "width = 8")
     scenes = '[[scenes]]\nname = "sky"\nfile = "scene.xml"\n'
     dark = f"{scenes.replace('sky', 'dark')}parameters = {{ none = 1 }}\n"
     (tmp_path / "sky.toml").write_text(text + scenes, "utf-8")
