@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias, Unpack
+from typing import TypeAlias, Unpack
 
 from pydantic import BaseModel, ValidationError
 
@@ -20,11 +20,12 @@ from ..files import durable
 from ..files.appearing import require_folder
 from ..render.variants import restores_variant
 from ..stopping import remark_if_stopped
-from .checks import check_scenes
+from .checks import check_scenes, checked_counts, growth_refused
 from .engine import Job, Outcome, outcomes
 from .file import read_dataset_text
+from .keys import Facts
 from .options import RunOptions
-from .plan import DatasetPlan, Task, checked_counts, growth_refused, load_plan
+from .plan import DatasetPlan, Task, load_plan
 from .store import Shard, Store
 from .table import Table, open_table
 
@@ -45,7 +46,7 @@ class Failure(BaseModel):
     task: str
     scene: str
     samples: int
-    first: dict[str, Any]
+    first: Facts
     why: str
     log: str = ""
 

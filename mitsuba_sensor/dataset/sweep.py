@@ -161,7 +161,7 @@ class SceneSweep:
         self.rows: Sequence[Values] = file.list or ({},)
         self.draws = LightDraws(file, self.entry.name, also)
         self.lights = len(self.poses) * cells(self.of_light) * len(self.draws)
-        self.most_exposures = cells(self.of_exposure) * self.draws.largest
+        self.cells_of_exposure = cells(self.of_exposure)
 
     def light(self, number: int) -> Light:
         """The light of this number."""
@@ -172,11 +172,11 @@ class SceneSweep:
 
     def exposures(self, light: Light) -> int:
         """How many samples a light has of each row, camera and serial number."""
-        return len(light.draws) * cells(self.of_exposure)
+        return len(light.draws) * self.cells_of_exposure
 
     def combination(self, light: Light, row: int, camera: int, exposure: int) -> Combination:
         """What one sample is made of, but for its serial number.  exposure : number among those of the light."""
-        place, cell = divmod(exposure, cells(self.of_exposure))
+        place, cell = divmod(exposure, self.cells_of_exposure)
         draw = int(light.draws[place])
         values = {
             **light.values,
