@@ -158,10 +158,9 @@ def _members(store: Store, shard: str, offset: int, size: int) -> Mapping[str, b
 
 @dataclass(frozen=True, repr=False)
 class Sample:
-    """One sample.
+    """One sample: ``sample.read("raw")`` is an array, ``sample.files["frame.png"]`` the bytes of a file.
 
-    key : the hash of its configuration.  split : train, test, …, or an empty text.  values : what varies in the
-    dataset.  files, view_files : name → bytes of its files, and of those that all samples of its light share.
+    store : that holds it.  line : its row of the table.
     """
 
     store: Store

@@ -24,7 +24,7 @@ from ..expose import Sensor
 from ..optics.spectra import inverse_srgb_curve, srgb_curve
 from ..output.demosaic import demosaic
 from ..output.frames import Frames
-from ..sensor.metering import electrons_of, saturated_share
+from ..sensor.metering import saturated_share
 from ..stages.usual_range import warn_of_temperature
 
 Image: TypeAlias = Any
@@ -36,8 +36,6 @@ SEED_END = 2**63
 """Above the seeds of temporal noise that are drawn."""
 SRGB_MAX = 1.001
 """Up to rounding in half precision, a value behind the sRGB curve is at most 1."""
-SATURATION_CHECKED = 0.8
-"""Share of the saturation below which the brightest pixel is not looked at more closely."""
 SATURATED_PIXELS = 0.05
 """Share of the pixels of an image from which on a note reports their saturation."""
 ONE_THREAD = threading.Lock()
@@ -246,12 +244,8 @@ class SensorNoise:
     def _saturation_note(self, photons: Photons, draw: Draw) -> str:
         """Where many pixels are saturated: how many electrons the camera holds, and what helps."""
         camera = self.camera.at_gain(draw.gain)
-        level_e = saturation_e(camera)
-        brightest_e = photons.mean.max() * camera.qe([self.light_nm]).max()
-        if brightest_e < SATURATION_CHECKED * level_e:
-            return ""
-        electrons = electrons_of(photons, camera, self.exposure)
-        share = saturated_share(electrons, camera, self.exposure)
+        efficiency = camera.qe([self.light_nm])[:, 0][camera.filter_index(photons.shape[:2])]
+        share = saturated_share(photons.mean[..., 0] * efficiency, camera, self.exposure)
         if share < SATURATED_PIXELS:
             return ""
         remedy = "give fewer electrons"
@@ -259,8 +253,8 @@ class SensorNoise:
             remedy = f"a value of 1 is {draw.white_e:.4g} e- here; give a smaller white_e"
         setting = "" if draw.gain is None else f" at gain {draw.gain}"
         return Doubt(
-            f"{share:.0%} of the pixels of an image are saturated: {camera.name}{setting} holds {level_e:.4g} e-; "
-            f"{remedy}"
+            f"{share:.0%} of the pixels of an image are saturated: {camera.name}{setting} holds "
+            f"{saturation_e(camera):.4g} e-; {remedy}"
         )
 
     def _expose(self, photons: Photons, draw: Draw) -> Frames:
@@ -402,9 +396,13 @@ def _wavelength_nm(camera: Camera) -> float:
 
 def _at_least_as_large(camera: Camera, shape: tuple[int, ...]) -> Camera:
     """The camera with enough rows and columns for an image."""
-    rows = max(camera.sensor.rows or 0, shape[0])
-    columns = max(camera.sensor.columns or 0, shape[1])
-    if (rows, columns) == (camera.sensor.rows, camera.sensor.columns):
-        return camera
-    size = {"sensor.rows": rows, "sensor.columns": columns}
+    known = {
+        "sensor.rows": camera.sensor.rows or 0,
+        "sensor.columns": camera.sensor.columns or 0,
+    }
+    size = {
+        name: pixels
+        for (name, x), pixels in zip(known.items(), shape, strict=False)
+        if pixels > x
+    }
     return with_fields_of(camera, size, "as large as the image")

@@ -640,11 +640,21 @@ def test_forged_facts_of_a_sample_are_a_sentence(
     assert cli("dataset", "show", copy, "0").exit_code == 2
 
 
-def test_a_damaged_shard_is_not_exported(made: Path, tmp_path: Path) -> None:
+def test_a_damaged_shard_is_not_exported_and_a_missing_one_only_on_request(
+    made: Path, tmp_path: Path
+) -> None:
     copy = forged(made, tmp_path / "copy")
-    shard = sorted((copy / "shards").iterdir())[0]
+    shard, count = sorted((copy / "shards").iterdir())[0], len(ms.Dataset(made))
     content = bytearray(shard.read_bytes())
     content[len(content) // 2] ^= 1
     shard.write_bytes(content)
     with pytest.raises(ms.InputError, match=f"{shard.name} is not as it was written"):
         export(copy, "card", tmp_path / "out")
+    shard.unlink()
+    there = len(ms.Dataset(copy))
+    missing = f"{count - there} of {count} samples are missing"
+    with pytest.raises(ms.InputError, match=f"{missing}; .*--incomplete exports the other"):
+        export(copy, "card", tmp_path / "out")
+    done = export(copy, "card", tmp_path / "out", incomplete=True)
+    assert done == (there, [missing]) and 0 < there < count
+    assert f"\n{missing}.\n" in (tmp_path / "out/README.md").read_text("utf-8")
