@@ -63,7 +63,7 @@ class RunProgress:
     samples: int
     there: int = 0
     made: int = 0
-    now: str = "counting"
+    now: str = "starting"
     failed: list[Failure] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     render_noise: str = ""
@@ -85,7 +85,7 @@ class RunProgress:
 
     def counted(self) -> str:
         """How many samples are complete."""
-        return f"{self.done} of {self.samples} samples"
+        return f"{self.done} of {self.samples} samples" if self.samples else "counting samples"
 
 
 Show: TypeAlias = Callable[[RunProgress], object]
@@ -171,6 +171,8 @@ class _Run:
         counts = checked_counts(plan, self._count)
         if len(self.samples_of) < counts.tasks:
             require_folder(store.folder)
+            progress.now = "checking the scenes"
+            self.show(progress)
             check_scenes(plan)  # before anything is written
             store.clean()
         record = plan.record(counts.samples)
