@@ -141,7 +141,7 @@ def run_command(
 
     plan = load_plan(file, flags.pop("roots") or ["."], flags.pop("untrusted"))
     with samples_bar(err) as progress:
-        found = run(plan, Path(out_dir), progress=progress, **flags)
+        found = run(plan, out_dir, progress=progress, **flags)
     show(_summary(found) if as_json else run_sheet(plan, found, out_dir), as_json)
     if found.failed:
         raise typer.Exit(1)

@@ -190,21 +190,14 @@ def checked_counts(
 def _refuse_equal(plan: DatasetPlan, key: str) -> None:
     """Raise InputError with both places of samples whose keys begin so."""
     samples = (sample for task in plan.tasks() for sample in task.samples)
-    first, second = islice((x.values for x in samples if x.key.startswith(key)), 2)
-    differ = {name: (first.get(name), second.get(name)) for name in {**first, **second}}
-    places = [
-        ", ".join(f"{name} {pair[k]}" for name, pair in differ.items() if _tells(name, pair))
-        for k in (0, 1)
-    ]
-    raise InputError(
-        f"two samples are the same ({places[0]}; and {places[1]}); leave one of the scenes, poses, cameras, rows or "
-        "values out, give views another time_s, or vary repetition for another sample of the same settings."
+    first, second = (
+        ", ".join(f"{name} {value}" for name, value in x.values.items() if name != "pose")
+        for x in islice((x for x in samples if x.key.startswith(key)), 2)
     )
-
-
-def _tells(name: str, pair: tuple[object, object]) -> bool:
-    """Whether a value tells two samples apart, or what they are of."""
-    return (name in ("scene", "camera", "view") and pair != (None, None)) or pair[0] != pair[1]
+    raise InputError(
+        f"two samples are the same ({first}; and {second}); leave one of the scenes, poses, cameras, rows or values "
+        "out, give views another time_s, or vary repetition for another sample of the same settings."
+    )
 
 
 def _check_draws(file: DatasetFile) -> None:

@@ -17,7 +17,7 @@ from ..core import InputError
 from ..core.options import complete, documents
 from ..core.progress import automatic_progress, is_asked
 from ..files import durable
-from ..files.appearing import require_folder
+from ..files.appearing import refuse_empty, require_folder
 from ..render.variants import restores_variant
 from ..stopping import remark_if_stopped
 from .checks import check_scenes, checked_counts, growth_refused
@@ -130,14 +130,14 @@ def make_dataset(
     roots : folders in which scenes and cameras are looked for, too.  progress : see :func:`run`.
     Raises InputError, and DiskFull.
     """
-    return run(load_plan(file, roots), Path(out), progress=progress, **options)
+    return run(load_plan(file, roots), out, progress=progress, **options)
 
 
 @documents(RunOptions)
 @restores_variant
 def run(
     plan: DatasetPlan,
-    out: Path,
+    out: str | Path,
     *,
     progress: Show | bool | None = None,
     **options: Unpack[RunOptions],
@@ -148,6 +148,7 @@ def run(
         function is called with a :class:`RunProgress` after every step.
     Raises InputError; DiskFull where the disk takes no more: what is complete stays, and another run goes on.
     """
+    refuse_empty(out, "-o", "give the name of a folder, e.g. -o out")
     with shown_run(progress) as show:
         return _Run(plan, Store(out), complete(RunOptions, options), show).make()
 
@@ -211,7 +212,7 @@ class _Run:
             self.store.put_aside(shard)
         if shards:
             self.progress.remarks.append(
-                f"moved {len(shards)} shards to {self.store.folder / 'earlier'}, because the dataset file no longer "
+                f"moved {len(shards)} shard{'s' * (len(shards) != 1)} to {self.store.folder / 'earlier'}, because the dataset file no longer "
                 "has their samples or splits; nothing reads that folder, so remove it to save space."
             )
 
