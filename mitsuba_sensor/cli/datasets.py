@@ -25,8 +25,9 @@ from .tables import FittedTable, rough
 from .values import Flag
 
 if TYPE_CHECKING:
+    from ..dataset.checks import Counts
     from ..dataset.forecast import Forecast
-    from ..dataset.plan import Counts, DatasetPlan
+    from ..dataset.plan import DatasetPlan
     from ..dataset.run import Failure, RunProgress
     from ..dataset.verify import Fault
 
@@ -140,7 +141,7 @@ def run_command(
 
     plan = load_plan(file, flags.pop("roots") or ["."], flags.pop("untrusted"))
     with samples_bar(err) as progress:
-        found = run(plan, Path(out_dir), progress=progress, **flags)
+        found = run(plan, out_dir, progress=progress, **flags)
     show(_summary(found) if as_json else run_sheet(plan, found, out_dir), as_json)
     if found.failed:
         raise typer.Exit(1)
@@ -163,9 +164,9 @@ def plan_command(
     Values, cameras and files of every sample are checked; one short render on this machine tells the time, the bytes
     and the render noise.
     """
-    from ..dataset.checks import check_scenes
+    from ..dataset.checks import check_scenes, checked_counts
     from ..dataset.forecast import forecast
-    from ..dataset.plan import checked_counts, load_plan
+    from ..dataset.plan import load_plan
 
     plan = load_plan(file, flags["roots"] or ["."], flags["untrusted"])
     with steps_bar(err) as now:
@@ -179,7 +180,9 @@ def plan_command(
 
 
 @dataset.command(
-    "show", cls=Command, epilog="Example: mitsuba-sensor dataset show pairs/ 3 --picture three.png"
+    "show",
+    cls=Command,
+    epilog="Example: mitsuba-sensor dataset show pairs/ 3 --picture three.png",
 )
 def show_command(
     folder: DatasetFolder,
@@ -221,10 +224,10 @@ def status_command(folder: DatasetFolder, as_json: arguments.Json = False) -> No
         "name": name,
         "there": len(table),
         "samples": record.samples,
-        "bytes": store.bytes(),
+        "bytes": store.size(),
         "failed": [failure.model_dump() for failure in failures.values()],
     }
-    head = f"{name}: {len(table)} of {record.samples} samples, {store.bytes() / 1e6:.3g} MB"
+    head = f"{name}: {len(table)} of {record.samples} samples, {store.size() / 1e6:.3g} MB"
     show(facts if as_json else _with_failed(head, [*failures.values()]), as_json)
 
 

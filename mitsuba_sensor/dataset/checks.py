@@ -1,9 +1,14 @@
-"""The scenes of a dataset, checked before anything is made, by what a run would do with them but for the render."""
+"""A dataset file checked before anything is made: its samples counted, its scenes parsed, its growth allowed."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from array import array
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
 from typing import cast
+
+import numpy as np
 
 from ..camera.sensor_size import check_on_sensor
 from ..core import Exposure, InputError
@@ -17,16 +22,21 @@ from ..render.scene.film_and_view import film_area
 from ..render.scene.half_pupil import check_halves
 from ..render.scene.light_groups import AskedGroups, LightGroup, parts_of_light
 from ..render.variants import restores_variant
-from .keys import canonical
+from .file import DatasetFile
+from .keys import Config, canonical
 from .plan import DatasetPlan, Task, evenly_chosen
-from .sweep import possible_values
+from .scene_entry import Value
+from .sweep import ends, possible_values
 from .task_render import camera_of, parsed_scene, scene_options
+from .values import check_value
 
 MOST_CHECKED = 200
 """Lights that are looked at, evenly chosen of each scene; of a dataset with more the others are checked by the run."""
 MOST_LOADED = 20
 """Tasks whose scenes are loaded, because nothing but that says whether they can be rendered."""
 LOADED_FOR = Exposure(0.01)
+NO_PIXELS = "description", "licence"
+"""Of a dataset file, what may be another text without another dataset."""
 BYTES_OF_PIXEL, BYTES_OF_CODE = 24, 2
 """Of what is in memory at least: mean, variance and light; and of a code of each frame."""
 
@@ -136,3 +146,111 @@ def _check_memory(shape: tuple[int, int], frames: int) -> None:
             f"has {there / 1e9:.3g} GB of memory; take a smaller width or fewer frames, and vary repetition for more "
             "samples of the same settings."
         )
+
+
+@dataclass
+class Counts:
+    """How many there are.  by_scene : lights and samples of each scene.  by_split : samples of each split."""
+
+    tasks: int = 0
+    samples: int = 0
+    by_scene: dict[str, list[int]] = field(default_factory=dict)
+    by_split: dict[str, int] = field(default_factory=dict)
+
+
+def checked_counts(
+    plan: DatasetPlan, each: Callable[[int, Task], object] = lambda number, task: None
+) -> Counts:
+    """All samples counted. Raises InputError for values that cannot be, and for two samples that are one.
+
+    each : called with every task and its number.
+    """
+    _check_draws(plan.file)
+    found, keys = Counts(), array("Q")
+    lights: dict[str, set[str]] = {}
+    for task in plan.tasks():
+        of_scene = found.by_scene.setdefault(task.scene, [0, 0])
+        before = lights.setdefault(task.scene, set())
+        of_scene[0] += task.light_key not in before
+        before.clear()
+        before.add(task.light_key)
+        of_scene[1] += len(task.samples)
+        each(found.tasks, task)
+        found.tasks += 1
+        found.samples += len(task.samples)
+        for sample in task.samples:
+            keys.append(int(sample.key[:16], 16))
+            found.by_split[sample.split] = found.by_split.get(sample.split, 0) + 1
+    ordered = np.sort(np.frombuffer(keys, np.uint64)) if keys else np.zeros(0, np.uint64)
+    if (same := ordered[1:][ordered[1:] == ordered[:-1]]).size:
+        _refuse_equal(plan, f"{same[0]:016x}")
+    return found
+
+
+def _refuse_equal(plan: DatasetPlan, key: str) -> None:
+    """Raise InputError with both places of samples whose keys begin so."""
+    samples = (sample for task in plan.tasks() for sample in task.samples)
+    first, second = (
+        ", ".join(f"{name} {value}" for name, value in x.values.items() if name != "pose")
+        for x in islice((x for x in samples if x.key.startswith(key)), 2)
+    )
+    raise InputError(
+        f"two samples are the same ({first}; and {second}); leave one of the scenes, poses, cameras, rows or values "
+        "out, give views another time_s, or vary repetition for another sample of the same settings."
+    )
+
+
+def _check_draws(file: DatasetFile) -> None:
+    """Raise InputError for a value that a law can draw and that cannot be, and for exposures that are too long with the
+    stops on top."""
+    draws = file.random.draws if file.random else 1
+    laws = file.random.values if file.random else {}
+    for name, law in laws.items():
+        for value in ends(law, draws):
+            check_value(name, value)
+    for row in file.list or ({},):
+        times, stops = (
+            [x for x in _values_of(file, row, name) if isinstance(x, int | float)]
+            for name in ("exposure_s", "exposure_ev")
+        )
+        if not times or not stops:
+            continue
+        try:
+            Exposure(max(times) * 2.0 ** max(stops))
+        except InputError as error:
+            raise InputError(
+                f"exposure_s is {max(times):g} with exposure_ev {max(stops):g} on top: {error}"
+            ) from None
+
+
+def _values_of(file: DatasetFile, row: Config, name: str) -> Iterator[Value]:
+    """What something can be in the samples of a row."""
+    if name in row:
+        yield row[name]
+    elif file.random and name in file.random.values:
+        yield from ends(file.random.values[name], file.random.draws)
+    else:
+        yield from file.grid.get(name, ())
+
+
+def growth_refused(old: DatasetFile, new: DatasetFile) -> str:
+    """What of a dataset file is not as it was, where that is more than what may grow: scenes, cameras, rows, values of
+    the grid and draws may come to those that are there. An empty text where nothing else is."""
+    changed = []
+    for name in DatasetFile.model_fields:
+        before, now = getattr(old, name), getattr(new, name)
+        if before == now or name in NO_PIXELS:
+            continue
+        grows = False
+        if name in ("scenes", "cameras", "list"):
+            grows = all(one in now for one in before) and bool(before)
+        elif name == "grid":
+            grows = before.keys() == now.keys()
+            grows = grows and all(
+                {*map(repr, before[x])} <= {*map(repr, now[x])} for x in before
+            )
+        elif name == "random" and before and now:
+            grows = before.values == now.values and before.draws <= now.draws
+        if not grows:
+            changed.append(f"[{name}]" if name in ("render", "splits") else name)
+    return ", ".join(changed)

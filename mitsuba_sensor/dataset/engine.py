@@ -263,7 +263,7 @@ def _begin_tracker() -> None:
 @contextmanager
 def _without_main() -> Iterator[None]:
     """Processes that begin meanwhile do not run the main script again, which may have no guard, or no file."""
-    main: Any = sys.modules["__main__"]
+    main = sys.modules["__main__"]
     known = {
         name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)
     }
@@ -288,7 +288,11 @@ def _cluster(job: Job, options: RunOptions) -> Iterator[Pool]:
         try:
             security = distributed.Security(require_encryption=True, **tls) if tls else None
             client = distributed.Client(address, timeout="20s", security=security)
-        except (OSError, ValueError, TypeError) as error:  # the last one of TLS without a certificate
+        except (
+            OSError,
+            ValueError,
+            TypeError,
+        ) as error:  # the last one of TLS without a certificate
             raise InputError(
                 f"there is no Dask scheduler at {address} ({error}); start one with `dask scheduler`, and "
                 "workers with `dask worker ADDRESS --nthreads 1`."

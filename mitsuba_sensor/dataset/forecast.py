@@ -11,8 +11,9 @@ from tempfile import TemporaryDirectory
 from ..core import InputError
 from ..render.passes.stop_criterion import RATIO_EXPONENT
 from ..render.variants import restores_variant
+from .checks import Counts
 from .make import Rendered, contents_of
-from .plan import Counts, DatasetPlan, Task
+from .plan import DatasetPlan, Task
 from .task_render import is_timed
 
 SHORT_SPP = 32

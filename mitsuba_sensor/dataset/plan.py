@@ -6,14 +6,14 @@ decides its pixels. The key of a task is the hash of its light and of its sample
 
 from __future__ import annotations
 
+import json
 import math
-from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice, product
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from .cameras import Cameras, Folders, VariedCamera, check_outputs
 from .file import DatasetFile, read_dataset_text, text_of_dataset
 from .keys import Config, Facts, canonical, identity, key_of, key_of_text, made_by
 from .light import FORMAT, Lights, exposure_asked
-from .scene_entry import Value
 from .splits import AS_DRAWN, SplitOf
 from .store import Record
 from .sweep import (
@@ -35,20 +34,15 @@ from .sweep import (
     Combination,
     Light,
     SceneSweep,
-    cells,
-    ends,
     of_kind,
     possible_values,
 )
-from .values import check_value
 
 OF_VIEW = ("aovs", "irradiance")  # outputs that samples of one light share
 SHARD_BYTES, FEWEST, MOST = 3e8, 16, 1000
 """Of a shard, about; and how many samples of a light one task has: each task renders it again."""
 BYTES_OF_PIXEL = {"raw": 2, "dng": 2, "companded": 2, "readouts": 6, "electrons": 8}
 """Of outputs that are not float32; those of a frame for each frame."""
-NO_PIXELS = "description", "licence"
-"""Of a dataset file, what may be another text without another dataset."""
 Pair = tuple[int, int]
 """Number of a row, number of a camera."""
 Thing = TypeVar("Thing")
@@ -242,14 +236,21 @@ class DatasetPlan:
         """The sample for which a light is rendered: of its first draw that with the shortest exposure; of equal ones
         that whose values and camera come first in the alphabet, whatever the order of the file."""
 
-        def order(one: Combination) -> tuple[float, str, str]:
+        def order(choice: tuple[Pair, int]) -> tuple[float, str, str]:
+            one = sweep.combination(light, *choice[0], choice[1])
             time_s = one.values.get("exposure_s")
             seconds = time_s if isinstance(time_s, int | float) else math.inf
             return seconds, canonical(one.values), self.cameras.name(one.camera)
 
-        exposures = range(cells(sweep.of_exposure))
-        several = [sweep.combination(light, *pair, x) for pair in pairs for x in exposures]
-        return min(several, key=order) if len(several) > 1 else several[0]
+        known = sweep.scene, pairs[0]
+        if known not in self._leads:  # what tells choices apart is the same for each light
+            self._leads[known] = min(product(pairs, range(sweep.cells_of_exposure)), key=order)
+        pair, exposure = self._leads[known]
+        return sweep.combination(light, *pair, exposure)
+
+    @cached_property
+    def _leads(self) -> dict[tuple[int, Pair], tuple[Pair, int]]:
+        return {}
 
     def _task(
         self, lead: Combination, some: Sequence[tuple[Combination, int, str]], first: int
@@ -264,7 +265,8 @@ class DatasetPlan:
         asked = {"gain": camera.gain, "exposure": exposure_asked(lead.values)}
         ordered = tuple(sorted(samples, key=lambda sample: sample.key))
         rows = [[sample.key, sample.split, sample.values] for sample in ordered]
-        key = key_of({"light": own, "lead": [camera.key, asked], "samples": rows})
+        text = json.dumps([own, camera.key, asked, rows], sort_keys=True)
+        key = key_of_text(text)
         scene, file = self.file.scenes[lead.scene].name, str(self.lights.places[lead.scene])
         whole = {**asked, "camera": camera.datasheet, "outputs": samples[0].config["outputs"]}
         return Task(key, own, config, outputs, scene, file, whole, ordered)
@@ -303,127 +305,12 @@ class DatasetPlan:
         pixels = identity(config, camera.key)
         key = key_of_text(self._text_before_pixels + pixels + '"}')
         scene, name = self.file.scenes[one.scene].name, self.cameras.name(one.camera)
-        said: dict[str, Any] = {"scene": scene, "camera": name, **values}
+        said: Facts = {"scene": scene, "camera": name, **values}
         if one.pose is not None:
             times = {"time_s": one.pose.time_s, "pose": one.pose.pose}
             said |= {"view": one.view}
             said |= {name: value for name, value in times.items() if value is not None}
         return PlannedSample(number, key, pixels, {**config, "outputs": outputs}, said, split)
-
-
-@dataclass
-class Counts:
-    """How many there are.  by_scene : lights and samples of each scene.  by_split : samples of each split."""
-
-    tasks: int = 0
-    samples: int = 0
-    by_scene: dict[str, list[int]] = field(default_factory=dict)
-    by_split: dict[str, int] = field(default_factory=dict)
-
-
-def checked_counts(
-    plan: DatasetPlan, each: Callable[[int, Task], object] = lambda number, task: None
-) -> Counts:
-    """All samples counted. Raises InputError for values that cannot be, and for two samples that are one.
-
-    each : called with every task and its number.
-    """
-    _check_draws(plan.file)
-    found, keys = Counts(), array("Q")
-    lights: dict[str, set[str]] = {}
-    for task in plan.tasks():
-        of_scene = found.by_scene.setdefault(task.scene, [0, 0])
-        before = lights.setdefault(task.scene, set())
-        of_scene[0] += task.light_key not in before
-        before.clear()
-        before.add(task.light_key)
-        of_scene[1] += len(task.samples)
-        each(found.tasks, task)
-        found.tasks += 1
-        found.samples += len(task.samples)
-        for sample in task.samples:
-            keys.append(int(sample.key[:16], 16))
-            found.by_split[sample.split] = found.by_split.get(sample.split, 0) + 1
-    ordered = np.sort(np.frombuffer(keys, np.uint64)) if keys else np.zeros(0, np.uint64)
-    if (same := ordered[1:][ordered[1:] == ordered[:-1]]).size:
-        _refuse_equal(plan, f"{same[0]:016x}")
-    return found
-
-
-def _refuse_equal(plan: DatasetPlan, key: str) -> None:
-    """Raise InputError with both places of samples whose keys begin so."""
-    samples = (sample for task in plan.tasks() for sample in task.samples)
-    first, second = islice((x.values for x in samples if x.key.startswith(key)), 2)
-    differ = {name: (first.get(name), second.get(name)) for name in {**first, **second}}
-    places = [
-        ", ".join(f"{name} {pair[k]}" for name, pair in differ.items() if _tells(name, pair))
-        for k in (0, 1)
-    ]
-    raise InputError(
-        f"two samples are the same ({places[0]}; and {places[1]}); leave one of the scenes, poses, cameras, rows or "
-        "values out, give views another time_s, or vary repetition for another sample of the same settings."
-    )
-
-
-def _tells(name: str, pair: tuple[object, object]) -> bool:
-    """Whether a value tells two samples apart, or what they are of."""
-    return (name in ("scene", "camera", "view") and pair != (None, None)) or pair[0] != pair[1]
-
-
-def _check_draws(file: DatasetFile) -> None:
-    """Raise InputError for a value that a law can draw and that cannot be, and for exposures that are too long with the
-    stops on top."""
-    draws = file.random.draws if file.random else 1
-    laws = file.random.values if file.random else {}
-    for name, law in laws.items():
-        for value in ends(law, draws):
-            check_value(name, value)
-    for row in file.list or ({},):
-        times, stops = (
-            [x for x in _values_of(file, row, name) if isinstance(x, int | float)]
-            for name in ("exposure_s", "exposure_ev")
-        )
-        if not times or not stops:
-            continue
-        try:
-            Exposure(max(times) * 2.0 ** max(stops))
-        except InputError as error:
-            raise InputError(
-                f"exposure_s is {max(times):g} with exposure_ev {max(stops):g} on top: {error}"
-            ) from None
-
-
-def _values_of(file: DatasetFile, row: Config, name: str) -> Iterator[Value]:
-    """What something can be in the samples of a row."""
-    if name in row:
-        yield row[name]
-    elif file.random and name in file.random.values:
-        yield from ends(file.random.values[name], file.random.draws)
-    else:
-        yield from file.grid.get(name, ())
-
-
-def growth_refused(old: DatasetFile, new: DatasetFile) -> str:
-    """What of a dataset file is not as it was, where that is more than what may grow: scenes, cameras, rows, values of
-    the grid and draws may come to those that are there. An empty text where nothing else is."""
-    changed = []
-    for name in DatasetFile.model_fields:
-        before, now = getattr(old, name), getattr(new, name)
-        if before == now or name in NO_PIXELS:
-            continue
-        grows = False
-        if name in ("scenes", "cameras", "list"):
-            grows = all(one in now for one in before) and bool(before)
-        elif name == "grid":
-            grows = before.keys() == now.keys()
-            grows = grows and all(
-                {*map(repr, before[x])} <= {*map(repr, now[x])} for x in before
-            )
-        elif name == "random" and before and now:
-            grows = before.values == now.values and before.draws <= now.draws
-        if not grows:
-            changed.append(f"[{name}]" if name in ("render", "splits") else name)
-    return ", ".join(changed)
 
 
 def evenly_chosen(things: Sequence[Thing], most: int) -> list[Thing]:

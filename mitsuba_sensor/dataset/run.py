@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias, Unpack
+from typing import TypeAlias, Unpack
 
 from pydantic import BaseModel, ValidationError
 
@@ -17,14 +17,15 @@ from ..core import InputError
 from ..core.options import complete, documents
 from ..core.progress import automatic_progress, is_asked
 from ..files import durable
-from ..files.appearing import require_folder
+from ..files.appearing import refuse_empty, require_folder
 from ..render.variants import restores_variant
 from ..stopping import remark_if_stopped
-from .checks import check_scenes
+from .checks import check_scenes, checked_counts, growth_refused
 from .engine import Job, Outcome, outcomes
 from .file import read_dataset_text
+from .keys import Facts
 from .options import RunOptions
-from .plan import DatasetPlan, Task, checked_counts, growth_refused, load_plan
+from .plan import DatasetPlan, Task, load_plan
 from .store import Shard, Store
 from .table import Table, open_table
 
@@ -45,7 +46,7 @@ class Failure(BaseModel):
     task: str
     scene: str
     samples: int
-    first: dict[str, Any]
+    first: Facts
     why: str
     log: str = ""
 
@@ -62,7 +63,7 @@ class RunProgress:
     samples: int
     there: int = 0
     made: int = 0
-    now: str = "counting"
+    now: str = "starting"
     failed: list[Failure] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     render_noise: str = ""
@@ -84,7 +85,7 @@ class RunProgress:
 
     def counted(self) -> str:
         """How many samples are complete."""
-        return f"{self.done} of {self.samples} samples"
+        return f"{self.done} of {self.samples} samples" if self.samples else "counting samples"
 
 
 Show: TypeAlias = Callable[[RunProgress], object]
@@ -129,14 +130,14 @@ def make_dataset(
     roots : folders in which scenes and cameras are looked for, too.  progress : see :func:`run`.
     Raises InputError, and DiskFull.
     """
-    return run(load_plan(file, roots), Path(out), progress=progress, **options)
+    return run(load_plan(file, roots), out, progress=progress, **options)
 
 
 @documents(RunOptions)
 @restores_variant
 def run(
     plan: DatasetPlan,
-    out: Path,
+    out: str | Path,
     *,
     progress: Show | bool | None = None,
     **options: Unpack[RunOptions],
@@ -147,6 +148,7 @@ def run(
         function is called with a :class:`RunProgress` after every step.
     Raises InputError; DiskFull where the disk takes no more: what is complete stays, and another run goes on.
     """
+    refuse_empty(out, "-o", "give the name of a folder, e.g. -o out")
     with shown_run(progress) as show:
         return _Run(plan, Store(out), complete(RunOptions, options), show).make()
 
@@ -170,6 +172,8 @@ class _Run:
         counts = checked_counts(plan, self._count)
         if len(self.samples_of) < counts.tasks:
             require_folder(store.folder)
+            progress.now = "checking the scenes"
+            self.show(progress)
             check_scenes(plan)  # before anything is written
             store.clean()
         record = plan.record(counts.samples)
@@ -208,7 +212,7 @@ class _Run:
             self.store.put_aside(shard)
         if shards:
             self.progress.remarks.append(
-                f"moved {len(shards)} shards to {self.store.folder / 'earlier'}, because the dataset file no longer "
+                f"moved {len(shards)} shard{'s' * (len(shards) != 1)} to {self.store.folder / 'earlier'}, because the dataset file no longer "
                 "has their samples or splits; nothing reads that folder, so remove it to save space."
             )
 

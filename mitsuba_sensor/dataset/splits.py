@@ -14,8 +14,6 @@ from .file import DatasetFile, Splits
 from .keys import Facts
 from .sweep import Light, SceneSweep, Values, cells, drawn_values, share_of, values_of_cell
 
-Chip = tuple[str, int]
-"""Name of the camera's model, serial number."""
 MOST_SCENES = 10**6
 """Scenes, as splits.by tells them apart, that are dealt out."""
 AS_DRAWN = -1

@@ -32,12 +32,13 @@ import tarfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..core import InputError
 from ..files import durable
+from .keys import Config, Facts
 
 FORMAT = 5
 """Of a folder; another one is refused."""
@@ -76,7 +77,7 @@ class Row(BaseModel):
     number: int = Field(ge=0)
     key: str = Field(pattern=r"^[0-9a-f]{24}$")
     split: str
-    values: dict[str, Any]
+    values: Facts
     exposed: dict[str, float]
     offset: int = Field(ge=0)
     bytes: int = Field(ge=0)
@@ -141,7 +142,7 @@ class Store:
         task: str,
         record: Record,
         light_files: Mapping[str, bytes],
-        samples: Iterable[tuple[Mapping[str, Any], Mapping[str, bytes]]],
+        samples: Iterable[tuple[Config, Mapping[str, bytes]]],
     ) -> Shard:
         """Write a task whole. When this returns, a power cut loses nothing of it. Raises DiskFull and InputError.
 
@@ -159,8 +160,8 @@ class Store:
         except OSError:
             return False
 
-    def bytes(self) -> int:
-        """Size of all shards."""
+    def size(self) -> int:
+        """Bytes of all shards."""
         return sum((self.shards / x.name).stat().st_size for x in self.finished().values())
 
     def remove(self, shard: Shard) -> None:
@@ -317,7 +318,7 @@ def members_in(content: bytes) -> Iterator[Member]:
 def _shard_bytes(
     record: Record,
     light_files: Mapping[str, bytes],
-    samples: Iterable[tuple[Mapping[str, Any], Mapping[str, bytes]]],
+    samples: Iterable[tuple[Config, Mapping[str, bytes]]],
 ) -> Iterator[bytes]:
     """The bytes of a shard, sample by sample; its rows come last, and behind them where they begin."""
     head = member_bytes(OF_RECORD, record.content())
@@ -326,7 +327,7 @@ def _shard_bytes(
         for name, content in sorted(light_files.items())
     )
     yield head + light
-    place, rows = len(head) + len(light), list[dict[str, Any]]()
+    place, rows = len(head) + len(light), list[Facts]()
     for row, files in samples:
         content = b"".join(
             member_bytes(f"{row['key']}.{name}", content) for name, content in files.items()

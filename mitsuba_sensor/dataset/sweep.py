@@ -6,7 +6,7 @@ import hashlib
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import accumulate
-from typing import NamedTuple, overload
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -53,70 +53,47 @@ class Combination(NamedTuple):
     draw: int
 
 
-class Poses(Sequence[View | None]):
-    """The poses of the camera in a scene; None is that of the scene file.  Those of a path are found by number."""
+class Poses:
+    """The poses of the camera in a scene, by number; None is that of the scene file."""
 
     def __init__(self, scene: SceneEntry) -> None:
         self.name, self.path, self.given = scene.name, scene.path, scene.views or (None,)
 
     def __len__(self) -> int:
-        if self.path is None:
-            return len(self.given)
-        return self.path.views
+        return self.path.views if self.path else len(self.given)
 
-    @overload
-    def __getitem__(self, number: int) -> View | None: ...
-
-    @overload
-    def __getitem__(self, number: slice) -> list[View | None]: ...
-
-    def __getitem__(self, number: int | slice) -> View | list[View | None] | None:
-        if isinstance(number, slice):
-            return [self[one] for one in range(*number.indices(len(self)))]
+    def __getitem__(self, number: int) -> View | None:
         if not 0 <= number < len(self):
             raise IndexError(number)
         if self.path is None:
             return self.given[number]
-        time_s = float(self.times_s([number])[0])
-        if not self.path.has_poses:
-            return View(time_s=time_s)
-        origin, target, up = (tuple(map(float, one)) for one in self.vectors([number])[0])
-        try:
-            return View(origin_m=origin, target_m=target, up=up, time_s=time_s)
-        except ValueError:  # the keys were checked, and this one is between them
-            raise InputError(
-                f"view {number} on the path of scene {self.name!r} is at {[*origin]} and looks at {[*target]}: that is "
-                "one point, or straight along up; move a key, or give it another up."
-            ) from None
-
-    def times_s(self, numbers: Sequence[int]) -> np.ndarray:
-        """When the frames of these views begin [s], (N,); NaN where nothing says it."""
-        if self.path is None:
-            views = (self.given[number] for number in numbers)
-            given = [view.time_s if view else None for view in views]
-            return np.array(given, float)
-        first, last = self.path.keys[0], self.path.keys[-1]
+        keys = self.path.keys
+        first, last = keys[0], keys[-1]
         steps = self.path.views - (not _is_loop(first, last))
         period_s = (last.time_s - first.time_s) / max(steps, 1)
-        times_s = first.time_s + np.asarray(numbers) * period_s
-        return np.asarray(np.round(times_s, TIME_DIGITS)) + 0.0  # no −0
-
-    def vectors(self, numbers: Sequence[int]) -> np.ndarray:
-        """Origin, target and up of these views, (N, 3, 3); NaN where they are those of the scene file."""
-        found = np.full((len(numbers), 3, 3), np.nan)
-        if self.path is None:
-            for row, view in enumerate(self.given[number] for number in numbers):
-                if view is not None and view.pose is not None:
-                    found[row] = [view.pose[name] for name in VECTORS]
-            return found + 0.0
+        time_s = _rounded_to(TIME_DIGITS, first.time_s + number * period_s)
         if not self.path.has_poses:
-            return found
-        keys, times_s = self.path.keys, [key.time_s for key in self.path.keys]
-        for row, name in enumerate(VECTORS):
-            points = np.array([getattr(key, name) for key in keys], dtype=float)
-            for axis in range(3):
-                found[:, row, axis] = np.interp(self.times_s(numbers), times_s, points[:, axis])
-        return np.round(found, DIGITS) + 0.0
+            return View(time_s=time_s)
+        times_s = [key.time_s for key in keys]
+        pose = {
+            name: tuple(
+                _rounded_to(DIGITS, np.interp(time_s, times_s, coordinates))
+                for coordinates in zip(*(getattr(key, name) for key in keys), strict=True)
+            )
+            for name in VECTORS
+        }
+        try:
+            return View(**pose, time_s=time_s)
+        except ValueError:  # the keys were checked, and this pose is between them
+            raise InputError(
+                f"view {number} on the path of scene {self.name!r} is at {[*pose['origin_m']]} and looks at "
+                f"{[*pose['target_m']]}: that is one point, or straight along up; move a key, or give it another up."
+            ) from None
+
+
+def _rounded_to(digits: int, value: float) -> float:
+    """A number with so many decimals, never −0."""
+    return float(np.round(value, digits)) + 0.0
 
 
 def _is_loop(first: KeyPose, last: KeyPose) -> bool:
@@ -161,7 +138,7 @@ class SceneSweep:
         self.rows: Sequence[Values] = file.list or ({},)
         self.draws = LightDraws(file, self.entry.name, also)
         self.lights = len(self.poses) * cells(self.of_light) * len(self.draws)
-        self.most_exposures = cells(self.of_exposure) * self.draws.largest
+        self.cells_of_exposure = cells(self.of_exposure)
 
     def light(self, number: int) -> Light:
         """The light of this number."""
@@ -172,11 +149,11 @@ class SceneSweep:
 
     def exposures(self, light: Light) -> int:
         """How many samples a light has of each row, camera and serial number."""
-        return len(light.draws) * cells(self.of_exposure)
+        return len(light.draws) * self.cells_of_exposure
 
     def combination(self, light: Light, row: int, camera: int, exposure: int) -> Combination:
         """What one sample is made of, but for its serial number.  exposure : number among those of the light."""
-        place, cell = divmod(exposure, cells(self.of_exposure))
+        place, cell = divmod(exposure, self.cells_of_exposure)
         draw = int(light.draws[place])
         values = {
             **light.values,
@@ -193,7 +170,7 @@ class LightDraws:
     """The random draws of a scene, those of one light together: all, where they do not change the light; each alone,
     where a law of what does is continuous; else by its choices.
 
-    largest : how many at most are together.  also : see :func:`changes_light`.  Raises InputError for too many.
+    also : see :func:`changes_light`.  Raises InputError for too many.
     """
 
     def __init__(self, file: DatasetFile, scene: str, also: Sequence[str]) -> None:
@@ -203,11 +180,9 @@ class LightDraws:
         self.alone = any(
             law.choice is None and law.integer is None for law in of_light.values()
         )
-        self.largest, self._bounds = self.all, [0, self.all]
+        self._bounds = [0, self.all]
         self._order: Sequence[int] = range(self.all)
-        if self.alone:
-            self.largest = 1
-        elif of_light:
+        if of_light and not self.alone:
             self._sort(file.seed, scene, of_light)
 
     def __len__(self) -> int:
@@ -230,7 +205,6 @@ class LightDraws:
             values = (drawn(x, share_of(seed, scene, n, draw)) for n, x in of_light.items())
             together.setdefault(tuple(values), []).append(draw)
         groups = list(together.values())
-        self.largest = max(map(len, groups))
         self._bounds = list(accumulate(map(len, groups), initial=0))
         self._order = [draw for group in groups for draw in group]
 

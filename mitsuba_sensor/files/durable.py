@@ -58,23 +58,24 @@ def write_lasting(path: Path, chunks: Iterable[bytes]) -> str:
     Raises DiskFull and InputError, and whatever the chunks raise; then nothing of it is left.
     """
     digest, size = hashlib.sha256(), 0
-    with disk_sentences(path, FOLDER_BYTES):
+    shown = path.with_name(path.name.replace("-{digest}", ""))
+    with disk_sentences(shown, FOLDER_BYTES):
         make_lasting(path.parent)
     temporary = scratch_name(path.parent)
     with undone_if_stopped(lambda: temporary.unlink(missing_ok=True)):
         try:
-            with disk_sentences(path):
+            with disk_sentences(shown):
                 file = temporary.open("xb")
             with file:
                 for chunk in chunks:
                     size += len(chunk)
                     digest.update(chunk)
-                    with disk_sentences(path, size):
+                    with disk_sentences(shown, size):
                         file.write(chunk)
-                with disk_sentences(path, size):
+                with disk_sentences(shown, size):
                     file.flush()
                     os.fsync(file.fileno())
-            with disk_sentences(path), whole_step:
+            with disk_sentences(shown), whole_step:
                 name = path.name.replace("{digest}", digest.hexdigest())
                 os.replace(temporary, path.with_name(name))
                 sync_folder(path.parent)

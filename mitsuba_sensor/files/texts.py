@@ -122,10 +122,6 @@ def short_json(report: object) -> str:
     return printable_json(text)
 
 
-def json_lines(report: Facts) -> str:
-    """The same with a line for each name, for people who look at a file that is written a million times."""
-    lines = (f"  {short_json(name)}: {short_json(value)}" for name, value in report.items())
-    return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
 def _plain_value(value: object) -> object:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import tracemalloc
 from collections.abc import Mapping
 from typing import Any
@@ -14,10 +13,10 @@ from helpers.datasets import TABLES, plan_of, samples_of, tasks_of
 from helpers.marks import exhaustive
 
 from mitsuba_sensor import InputError
+from mitsuba_sensor.dataset.checks import checked_counts
 from mitsuba_sensor.dataset.file import Distribution
 from mitsuba_sensor.dataset.keys import key_of
 from mitsuba_sensor.dataset.light import exposure_asked
-from mitsuba_sensor.dataset.plan import checked_counts
 from mitsuba_sensor.dataset.sweep import Poses, drawn, share_of
 
 POSE = {"origin_m": [0, 0, 1], "target_m": [0, 0, 0]}
@@ -210,21 +209,19 @@ def test_a_loop_has_each_pose_once() -> None:
     )
 
 
-@pytest.mark.parametrize(("samples", "seconds"), [(2_000, 0.5), exhaustive(1_000_000, 80.0)])
-def test_samples_stream_without_a_list_of_them(samples: int, seconds: float) -> None:
-    """A million in 40 s of one idle processor, and 300 MB."""
+@pytest.mark.parametrize("samples", [2_000, exhaustive(1_000_000)])
+def test_samples_stream_without_a_list_of_them(samples: int) -> None:
+    """Of each there are eight bytes, to find those that are there twice."""
     draws = {"parameters.radiance": {"log_uniform": [1e-5, 1e-3]}}
     plan = plan_of(
         random={"draws": samples // 2, "values": draws}, grid={"exposure_s": [0.1, 0.2]}
     )
     next(plan.tasks())
     tracemalloc.start()
-    began = time.process_time()
     counts = checked_counts(plan)
     assert counts.samples == samples and counts.tasks == samples // 2
     assert tracemalloc.get_traced_memory()[1] < 1e7 + 30 * samples
     tracemalloc.stop()
-    assert time.process_time() - began < 30 * seconds  # tracing takes its time
 
 
 def test_samples_of_a_light_with_many_are_several_tasks_of_one_light() -> None:

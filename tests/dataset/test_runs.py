@@ -292,6 +292,12 @@ def test_options_that_contradict_are_refused(
         made(**{"workers": None, **options})
 
 
+@pytest.mark.parametrize("out", ["", "s3://bucket/pairs"])
+def test_no_folder_is_no_current_folder(out: str, no_renders: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="-o is"):
+        run(plan_of(grid=LIGHTS), out, workers=0, progress=False)
+
+
 def test_the_command_makes_shows_and_verifies_a_dataset(tmp_path: Path, cli: Cli) -> None:
     file = tmp_path / "small.toml"
     tables = {

@@ -9,9 +9,9 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.dataset.cameras import Folders
-from mitsuba_sensor.dataset.checks import check_scenes
+from mitsuba_sensor.dataset.checks import check_scenes, checked_counts
 from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.plan import DatasetPlan, checked_counts
+from mitsuba_sensor.dataset.plan import DatasetPlan
 from mitsuba_sensor.dataset.run import run
 
 FILE: dict[str, Any] = {
