@@ -211,9 +211,10 @@ class _Run:
         for shard in shards:
             self.store.put_aside(shard)
         if shards:
+            several = f"{len(shards)} shard{'s' * (len(shards) != 1)}"
             self.progress.remarks.append(
-                f"moved {len(shards)} shard{'s' * (len(shards) != 1)} to {self.store.folder / 'earlier'}, because the dataset file no longer "
-                "has their samples or splits; nothing reads that folder, so remove it to save space."
+                f"moved {several} to {self.store.folder / 'earlier'}, because the dataset file no longer has their "
+                "samples or splits; nothing reads that folder, so remove it to save space."
             )
 
     def _missing(self, failures: dict[str, Failure]) -> Iterator[Task]:

@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Annotated, Any, Literal, TypeAlias, TypedDict, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..camera.camera import Camera, with_fields_of
 from ..camera.camera_file import AnyCamera, camera_of
@@ -19,7 +18,7 @@ from ..core.checks import PICTURE_FILE, refuse_path
 from ..core.errors import require, require_seed, shown
 from ..core.llvm import backend_problem
 from ..core.options import Option, complete, documents
-from ..core.types import Float32Array
+from ..core.types import Float32Array, NumpyArray
 from ..expose import Sensor
 from ..optics.spectra import inverse_srgb_curve, srgb_curve
 from ..output.demosaic import demosaic
@@ -214,7 +213,7 @@ class SensorNoise:
         draws = tuple(self.draw(sample + number) for number in range(len(images)))
         photons = [self._photons(*pair) for pair in zip(images, draws, strict=True)]
         frames = tuple(self._expose(*pair) for pair in zip(photons, draws, strict=True))
-        found: list[NDArray[Any]] = [one.digital[0] for one in frames]
+        found: list[NumpyArray] = [one.digital[0] for one in frames]
         if self.output == "developed":
             pairs = zip(found, draws, strict=True)
             found = [self._developed(raw, draw, given) for raw, draw in pairs]
@@ -271,7 +270,7 @@ class SensorNoise:
             self._sensors[key] = sensor
             return sensor.frames(photons, self.exposure, asked)
 
-    def _is_colour(self, given: NDArray[Any]) -> bool:
+    def _is_colour(self, given: NumpyArray) -> bool:
         """Return True if the last dimension is red, green and blue. Raises InputError for a shape of no image."""
         shape, is_rgb = given.shape, set(self._letters) == set("RGB")
         colour = given.ndim == 4 or (given.ndim == 3 and shape[2] == 3)
@@ -295,7 +294,7 @@ class SensorNoise:
             )
         return colour
 
-    def _photons(self, image: NDArray[Any], draw: Draw) -> Photons:
+    def _photons(self, image: NumpyArray, draw: Draw) -> Photons:
         """Mean photons per pixel at one wavelength that give the image's photoelectrons behind each filter."""
         filters = self.camera.filter_index(image.shape[:2])
         values = image
@@ -314,7 +313,7 @@ class SensorNoise:
             )
         return Photons(mean[..., None], np.array([self.light_nm]))
 
-    def _linear(self, values: NDArray[Any]) -> Float32Array:
+    def _linear(self, values: NumpyArray) -> Float32Array:
         """Values proportional to light, as float32. Raises InputError for values of another kind."""
         is_whole = values.dtype.kind in "iu"
         if self.values == "linear" and is_whole:
@@ -335,7 +334,7 @@ class SensorNoise:
             )
         return np.asarray(inverse_srgb_curve(values.astype(np.float32)), np.float32)
 
-    def _developed(self, raw: NDArray[Any], draw: Draw, given: NDArray[Any]) -> NDArray[Any]:
+    def _developed(self, raw: NumpyArray, draw: Draw, given: NumpyArray) -> NumpyArray:
         """The values that came in: black level and gain are taken out, missing colours interpolated."""
         camera = self.camera.at_gain(draw.gain)
         scale = camera.system_gain_dn_per_e * (draw.white_e or 1.0)
@@ -357,7 +356,7 @@ class SensorNoise:
         return np.clip(np.rint(developed * 255), 0, 255).astype(np.uint8)
 
 
-def _array_of(image: Image) -> NDArray[Any]:
+def _array_of(image: Image) -> NumpyArray:
     """The array of an image or a tensor. Raises InputError for booleans, text and complex numbers."""
     if hasattr(image, "detach"):
         image = image.detach().cpu()
@@ -371,7 +370,7 @@ def _array_of(image: Image) -> NDArray[Any]:
     return array
 
 
-def _like(given: Image, found: NDArray[Any]) -> Image:
+def _like(given: Image, found: NumpyArray) -> Image:
     """A tensor of floats where a tensor came in (its integers may be too short), else the array."""
     if hasattr(given, "new_tensor"):
         return given.new_empty(0).float().new_tensor(found.astype(np.float32))

@@ -6,14 +6,14 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..core import InputError
+from ..core.types import NumpyArray
 from .read import Sample
 
 
 class _Readable(Protocol):
-    def read(self, name: str, /) -> NDArray[Any]: ...
+    def read(self, name: str, /) -> NumpyArray: ...
 
 
 def batches(
@@ -23,7 +23,7 @@ def batches(
     *,
     seed: int | None = None,
     epoch: int = 0,
-) -> Iterator[dict[str, NDArray[Any]]]:
+) -> Iterator[dict[str, NumpyArray]]:
     """Yield batches by name, (B, …) with the shapes of :meth:`Sample.read`; the last one may be smaller.
 
     samples : a :class:`Dataset`.  seed, epoch : of the order, which is another one in every epoch; None is the order of
