@@ -10,11 +10,11 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, overload
+from typing import TYPE_CHECKING, Annotated, Any, Self, overload
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ..camera.camera_file import camera_from
 from ..core import InputError, nearest
@@ -111,11 +111,20 @@ class _Heights(_Foreign):
     real: list[float]
 
 
+Row = tuple[float, float, float]
+
+
 class _Intrinsics(_Foreign):
-    matrix: list[list[float]] | None
+    matrix: tuple[Row, Row, Row] | None
     image_size: tuple[int, int]
-    distortion: list[float] | None
+    distortion: tuple[float, float, float, float, float] | None
     heights_mm: _Heights | None
+
+    @model_validator(mode="after")
+    def _has_a_lens(self) -> Self:
+        if self.matrix and not self.distortion and not self.heights_mm:
+            raise ValueError("neither distortion nor heights_mm")
+        return self
 
 
 class _Light(_Foreign):
@@ -225,7 +234,7 @@ class Sample:
 
     def opened(self, name: str) -> AbstractContextManager[Path]:
         """The path of a copy of a file, for ``with``. Raises InputError."""
-        return temporary_copy(name, self.content(name))
+        return temporary_copy(name, self.content(name), self.place(name))
 
     def place(self, name: str) -> str:
         """Where a file is, for messages."""
@@ -263,7 +272,8 @@ class Sample:
     def readouts(self) -> dict[str, NDArray[np.unsignedinteger]]:
         """Frames of every readout by its name, (N, H, W) [DN], with their ``combined`` code and, of a camera that
         compands, their ``companded`` one. Raises InputError where it has none."""
-        with temporary_copy(READOUTS, self.content(READOUTS, "readouts")) as path:
+        self.content(READOUTS, "readouts")
+        with self.opened(READOUTS) as path:
             return read_readouts(path)
 
     @property
@@ -299,7 +309,8 @@ class Sample:
 
     def aovs(self, name: str = "aovs") -> Aovs:
         """All AOVs of its view.  name : what is needed of them. Raises InputError where it has none."""
-        return _aovs(self.content(AOVS_FILE, name))
+        place = f"{self.store.shards / self.line.shard}: {AOVS_FILE}"
+        return _aovs(self.content(AOVS_FILE, name), place)
 
     def _preview(self) -> NDArray[np.uint8]:
         """As bright as without the stops that ``exposure_ev`` takes away; without a file white is that of daylight, as
@@ -325,9 +336,9 @@ class Sample:
 
 
 @lru_cache(1)
-def _aovs(content: bytes) -> Aovs:
+def _aovs(content: bytes, place: str) -> Aovs:
     """The AOVs of the light that was read last."""
-    with temporary_copy(AOVS_FILE, content) as path:
+    with temporary_copy(AOVS_FILE, content, place) as path:
         return read_aovs_exr(path)
 
 

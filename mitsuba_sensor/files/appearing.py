@@ -100,12 +100,13 @@ def write_drawing(path: Path, content: bytes) -> None:
 
 
 @contextmanager
-def temporary_copy(name: str, content: bytes) -> Iterator[Path]:
-    """The path of a file with this name and content, for readers that take no bytes."""
+def temporary_copy(name: str, content: bytes, place: str) -> Iterator[Path]:
+    """The path of a file with this name and content, for readers that take no bytes.  place : for their messages."""
     with tempfile.TemporaryDirectory(prefix="mitsuba-sensor-") as folder:
         path = Path(folder) / name
         path.write_bytes(content)
-        yield path
+        with names_in(Path(place), path):
+            yield path
 
 
 def refuse_empty(path: str | os.PathLike[str], name: str, remedy: str) -> None:

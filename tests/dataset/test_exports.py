@@ -618,6 +618,10 @@ def test_names_in_a_foreign_dataset_lead_nowhere_else(
     assert {**after, "deep/copy/index.parquet": ""} == {**before, "deep/copy/index.parquet": ""}
 
 
+NO_LENS = {"matrix": [[1, 0, 1], [0, 1, 1], [0, 0, 1]], "image_size": [2, 2]}
+NO_LENS |= {"distortion": None, "heights_mm": None}
+
+
 @pytest.mark.parametrize(
     "changes",
     [
@@ -625,6 +629,14 @@ def test_names_in_a_foreign_dataset_lead_nowhere_else(
         {"image": None},
         {"config": {}},
         {"light": {"intrinsics": []}},
+        {
+            "light": {
+                "noise_ratio_median": 1,
+                "metering": None,
+                "camera_to_world": None,
+                "intrinsics": NO_LENS,
+            }
+        },
         {"digital_quantiles_dn": [1]},
         {"versions": [1]},
         {"readouts": [{}]},

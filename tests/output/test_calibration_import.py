@@ -172,8 +172,9 @@ def test_the_table_of_a_small_fisheye_picture_reaches_its_corner(tmp_path: Path)
 
 
 def test_what_the_datasheet_cannot_say_is_in_the_description(tmp_path: Path) -> None:
-    data = json.loads(TEXTS["transforms.json"]) | {"fl_y": 490.0}
-    data["frames"] = [*data["frames"], {**data["frames"][0], "fl_x": 900.0}]
+    data = json.loads(TEXTS["transforms.json"])
+    frame = data["frames"][0] | {"fl_y": 490.0}
+    data["frames"] = [frame, {**frame, "fl_x": 900.0}]
     said = imported(tmp_path, "transforms.json", json.dumps(data)).description
     assert "fx / fy is 1.023" in said and "1 of 2 frames have intrinsics of their own" in said
     text = (

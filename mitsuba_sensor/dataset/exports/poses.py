@@ -128,7 +128,7 @@ def worlds(job: Job) -> dict[str, list[Posed]]:
             pitch_um = facts["config"]["camera"]["pixel"]["pitch_x_um"]
             calibration = calibration_of(light["intrinsics"], pitch_um)
             posed = Posed(sample, calibration, rigid_pose(light["camera_to_world"]))
-        except InputError as error:
+        except ValueError as error:  # InputError, or what SciPy says of a table
             unposed.setdefault((scene, str(error)), []).append(sample)
             continue
         variant = canonical({name: config.get(name) for name in WORLD_SETTINGS})
