@@ -244,8 +244,8 @@ def sheet_rows(store: Store, lines: Sequence[Line]) -> list[SheetRow]:
             for line in evenly_chosen(scenes[scene][view], SHEET_COLUMNS_MAX):
                 sample = Sample(store, line)
                 if sample.has(PICTURE) or sample.has(IMAGES["raw"]):
-                    content = sample.files.get(PICTURE) or png(sample.read("preview"))
-                    pictures.append(Captioned(content, caption(line, varied)))
+                    picture = png(sample.read("preview"))
+                    pictures.append(Captioned(picture, caption(line, varied)))
             if pictures:
                 rows.append(
                     SheetRow([scene] if view is None else [scene, f"view {view}"], pictures)
