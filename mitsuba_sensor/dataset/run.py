@@ -6,7 +6,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias, Unpack
@@ -159,6 +159,7 @@ class _Run:
     def __init__(self, plan: DatasetPlan, store: Store, chosen: RunOptions, show: Show) -> None:
         self.plan, self.store, self.chosen, self.show = plan, store, chosen, show
         self.progress = RunProgress(0)
+        self.finished = store.finished()
         self.samples_of = dict[str, int]()  # task that is there → how many
         self._table_s, self._table_took_s = time.monotonic(), 0.0
         remark_if_stopped(self._said_when_stopped)
@@ -167,7 +168,6 @@ class _Run:
         """Make what is missing."""
         plan, store, progress = self.plan, self.store, self.progress
         check_same(plan, store)
-        finished = store.finished()
         self.show(progress)
         counts = checked_counts(plan, self._count)
         if len(self.samples_of) < counts.tasks:
@@ -178,7 +178,7 @@ class _Run:
             store.clean()
         record = plan.record(counts.samples)
         store.write_record(record)
-        self._put_aside([finished[key] for key in finished.keys() - self.samples_of.keys()])
+        self._put_aside([x for key, x in self.finished.items() if key not in self.samples_of])
         failures = read_failures(store)
         job = Job(str(store.folder), record, self.chosen["memory_gb"])
         self.show(progress)
@@ -197,9 +197,7 @@ class _Run:
 
     def _count(self, number: int, task: Task) -> None:
         """Called with each task, before anything is made."""
-        if number == 0:
-            self._finished = self.store.finished()
-        is_there = task.key in self._finished
+        is_there = task.key in self.finished
         if is_there:
             self.samples_of[task.key] = len(task.samples)
         if self._is_ours(number):
@@ -254,7 +252,8 @@ class _Run:
         """Write the table now and then, for those who look at what is there."""
         began = time.monotonic()
         if began - self._table_s > max(TABLE_EVERY_S, TABLE_SHARE * self._table_took_s):
-            open_table(self.store)
+            with suppress(InputError):  # a shard that was damaged meanwhile: said at the end
+                open_table(self.store)
             self._table_s = time.monotonic()
             self._table_took_s = self._table_s - began
 
@@ -281,11 +280,10 @@ class _Run:
 
     def _said_when_stopped(self) -> str:
         """How many samples are on the disk, whoever made them, also those of which this process has not heard yet."""
-        shards = self.store.finished()
-        known = dict(self.samples_of)
-        count = sum(
-            known.get(key) or len(self.store.rows(shard)) for key, shard in shards.items()
-        )
+        known, count = dict(self.samples_of), 0
+        for key, shard in self.store.finished().items():
+            with suppress(InputError):  # one that is damaged has none
+                count += known.get(key) or len(self.store.rows(shard))
         return f"{count} samples are complete; the same command goes on from there"
 
 

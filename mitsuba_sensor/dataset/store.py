@@ -187,16 +187,18 @@ class Store:
         shard : name of its file.  ``members(row.shard, row.offset, row.bytes)["frame.tiff"]`` is that of a sample;
         of the files that samples share the names have dots again, ``aovs.exr``. Raises InputError.
         """
+        found = {}
         with self.opened(shard) as file:
+            if not 0 <= offset <= offset + size <= os.fstat(file.fileno()).st_size:
+                raise self.changed(shard)
             file.seek(offset)
             content = file.read(size)
-        found = {}
         for member in members_in(content):
             body = content[member.offset : member.offset + member.size]
             if len(body) < member.size:
                 break
             found[short_name(member.name)] = body
-        if not found or len(content) < size:
+        if not found:
             raise self.changed(shard)
         return found
 
