@@ -90,7 +90,7 @@ def main() -> None:
     rows = []
     for name in NAMES:
         pictures = [
-            Captioned(sample.files.content("frame.png"), [f"{sample.values['time_s']:g} s"])
+            Captioned(sample.files["frame.png"], [f"{sample.values['time_s']:g} s"])
             for sample in samples.where(sensor=name)
         ]
         rows.append(SheetRow([name], pictures))

@@ -28,7 +28,7 @@ from scipy.ndimage import gaussian_filter
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.dataset import make_dataset
-from mitsuba_sensor.dataset.read.reader import Sample
+from mitsuba_sensor.dataset.read import Sample
 from mitsuba_sensor.files.png import png, write_png
 from mitsuba_sensor.output.contact_sheet import Captioned, SheetRow, contact_sheet
 from mitsuba_sensor.output.preview import preview

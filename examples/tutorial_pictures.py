@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.dataset.exports.sheet import caption
+from mitsuba_sensor.dataset.card import caption
 from mitsuba_sensor.files.png import write_png
 from mitsuba_sensor.output.contact_sheet import Captioned, SheetRow, contact_sheet
 
@@ -35,8 +35,8 @@ def rows_of(dataset: ms.Dataset) -> list[SheetRow]:
     """Previews of a dataset: a row for each scene and chip, in the order of the exposures, as in its contact sheet."""
     rows = defaultdict[Any, list[Captioned]](list)
     for sample in dataset:
-        lines = caption(sample.values, (), sample.facts["image"]["exposure_s"])
-        picture = Captioned(sample.folder / "frame.png", lines)
+        lines = caption(sample.line, ())
+        picture = Captioned(sample.files["frame.png"], lines)
         rows[sample.values["scene"], f"chip {sample.values['serial']}", sample.split].append(
             picture
         )

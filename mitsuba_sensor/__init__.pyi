@@ -15,7 +15,7 @@ from .core import InputError as InputError
 from .core import Moments as Moments
 from .core import Photons as Photons
 from .core import SensorWarning as SensorWarning
-from .dataset.read.reader import Dataset as Dataset
+from .dataset.read import Dataset as Dataset
 from .dataset.sensor_noise import SensorNoise as SensorNoise
 from .expose import Sensor as Sensor
 from .expose import expose as expose

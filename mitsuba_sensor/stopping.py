@@ -114,6 +114,13 @@ def undo_when_terminated() -> None:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)
 
 
+def end_quietly() -> None:
+    """Undo what is not finished, and end this process, which has worked for another one that is gone."""
+    with whole_step:
+        _undo()
+        os._exit(1)
+
+
 def _not_ignored() -> set[signal.Signals]:
     """The signals of SIGNALS that this system has, but for those that the caller has told the process to ignore."""
     known = {getattr(signal, name) for name in SIGNALS if hasattr(signal, name)}

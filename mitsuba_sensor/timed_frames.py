@@ -221,5 +221,3 @@ def write_video(folder: Path, timed: Sequence[TimedFrame], gain: float) -> None:
     if len(timed) > 1:
         pictures = [one.frames.preview(0, gain) for one in timed]
         write_webp(folder / VIDEO, pictures, timed[1].start_s - timed[0].start_s)
-
-

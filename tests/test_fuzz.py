@@ -11,7 +11,7 @@ from fuzz_files import report
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.shipped import SHIPPED
-from mitsuba_sensor.dataset.plan.planned import load_plan
+from mitsuba_sensor.dataset.plan import load_plan
 from mitsuba_sensor.render.motion.motion import read_motion
 
 CASES, TYPES = 210, 600
@@ -117,7 +117,7 @@ def test_a_serial_number_of_a_dataset_is_whole(serial: str, tmp_path: Path) -> N
         text.replace("[splits]\nshares = {train = 0.5, test = 0.5}\n", "")
     )
     with pytest.raises(ms.InputError, match="serial is"):
-        list(load_plan(tmp_path / "d.toml", [fuzz_cases.ROOT]).views())
+        list(load_plan(tmp_path / "d.toml", [fuzz_cases.ROOT]).tasks())
 
 
 def test_a_file_of_a_name_that_is_too_long_is_not_there(tmp_path: Path) -> None:

@@ -203,9 +203,7 @@ def test_what_is_black_in_a_scene_is_a_warning_of_its_render_and_not_of_its_fram
         light.notes
     ) < set(frames.notes)
     assert len(told(lambda: ms.capture(path, WIDER, EXPOSURE, **SMALL))[1]) == 1
-    series = ms.render_frames(
-        path, WIDER, EXPOSURE, frames=2, **SMALL
-    )
+    series = ms.render_frames(path, WIDER, EXPOSURE, frames=2, **SMALL)
     assert [len(told(lambda: next(series))[1]) for _ in range(2)] == [1, 0]
 
 
@@ -221,9 +219,7 @@ def test_noise_of_a_render_for_every_frame_is_no_grain_of_the_picture(
         ),
     )
     shared = ms.capture(path, TABLE1, ms.Exposure(0.1), **few).frames
-    own = next(
-        ms.render_frames(path, TABLE1, ms.Exposure(0.1), **few)
-    ).frames
+    own = next(ms.render_frames(path, TABLE1, ms.Exposure(0.1), **few)).frames
     assert any("is the render's" in note for note in shared.notes)
     assert not any("is the render's" in note for note in own.notes)
 

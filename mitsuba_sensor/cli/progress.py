@@ -17,12 +17,12 @@ from rich.progress import (
     TimeElapsedColumn,
 )
 
-from ..stopping import remark_if_stopped, undone_if_stopped
+from ..stopping import undone_if_stopped
 from .lines import WORKING, CommandLines
 from .tables import number
 
 if TYPE_CHECKING:
-    from ..dataset.run.run import RunProgress, Show
+    from ..dataset.run import RunProgress, Show
     from ..render.passes.stop_criterion import RenderProgress
 
 
@@ -127,7 +127,7 @@ def steps_bar(console: Console, now: str = "") -> Iterator[Callable[[int, int, s
 
 @contextmanager
 def samples_bar(console: Console) -> Iterator[Show]:
-    """A bar over samples, with the rate, the time so far and failures. Yields what :func:`dataset.run.run` shows to."""
+    """A bar over samples, with the rate, the time so far and failures. Yields what :func:`dataset.run` shows to."""
     texts = (
         MofNCompleteColumn(),
         TextColumn("{task.description}", markup=False),
@@ -136,17 +136,12 @@ def samples_bar(console: Console) -> Iterator[Show]:
     bar = Progress(
         BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal
     )
-    done, began = 0, time.monotonic()
-    remark_if_stopped(
-        lambda: f"{done} samples are complete; the same command goes on from there"
-    )
+    began = time.monotonic()
     with shown_bar(bar, "starting") as task:
 
         def tell(progress: RunProgress) -> None:
-            nonlocal done
-            done = progress.done
             doing, share = progress.standing(time.monotonic() - began)
             _tell(f"{progress.counted()}, {doing}", share)
-            bar.update(task, total=progress.samples, completed=done, description=doing)
+            bar.update(task, total=progress.samples, completed=progress.done, description=doing)
 
         yield tell

@@ -1,26 +1,12 @@
 """The options of a run: which part of a dataset is made, by how many processes, within which limits."""
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
-from typing import Annotated, Literal, TypedDict
+from typing import Annotated, TypedDict
 
 from ..core import InputError
 from ..core.options import Option
 
-ENGINE, EXPORT = "Engine", "Export"
-EXPORT_FORMATS = {
-    "parquet": "a data set of Hugging Face with images",
-    "webdataset": "tar shards of arrays",
-    "hdf5": "arrays and spectra with units",
-    "coco": "pictures and instance masks",
-    "nerfstudio": "pictures, poses and depth as transforms.json",
-    "colmap": "pictures and poses as a text model",
-    "kitti": "sequences with times, poses and calibrations",
-    "euroc": "the same as EuRoC's mav0 folders",
-    "opencv": "calibrations and poses as FileStorage",
-    "ros": "calibrations as camera_info",
-    "card": "README.md with a contact sheet alone",
-}
-"""Format of an export → what is written."""
+ENGINE = "Engine"
 
 
 def checked_shard(name: str, value: object) -> tuple[int, int]:
@@ -42,7 +28,7 @@ class RootOptions(TypedDict, total=False):
     roots: Annotated[
         list[str] | None,
         Option(
-            "Folder below which scenes, cameras and motions may be read, beside that of the dataset file. Repeatable. "
+            "Folder in which scenes, cameras and motions are looked for, beside that of the dataset file. Repeatable. "
             "Default: the current folder.",
             flag="--root",
             metavar="DIR",
@@ -50,16 +36,25 @@ class RootOptions(TypedDict, total=False):
             text=list[str],
         ),
     ]
+    untrusted: Annotated[
+        bool,
+        Option(
+            "Read files below these folders and that of the dataset file only, whatever the file and its scenes name: "
+            "for those that somebody else has written.",
+            False,
+            panel="Scene",
+        ),
+    ]
 
 
 class RunOptions(TypedDict, total=False):
-    """All options of :func:`dataset.run.run`."""
+    """All options of :func:`dataset.run`."""
 
     workers: Annotated[
         int | None,
         Option(
             "Processes of this machine; 0 is this process alone, which dies with a scene that ends its renderer. "
-            "Default: 2 where there are two cores, and 0 for a shard.",
+            "Default: 2 where there are two cores.",
             low=0,
             high=1024,
             example="2",
@@ -74,10 +69,24 @@ class RunOptions(TypedDict, total=False):
             panel=ENGINE,
         ),
     ]
+    tls_ca: Annotated[
+        str | None,
+        Option(
+            "Certificate authority of a scheduler at tls://HOST:PORT.",
+            metavar="FILE",
+            panel=ENGINE,
+        ),
+    ]
+    tls_cert: Annotated[
+        str | None, Option("Certificate that is shown to it.", metavar="FILE", panel=ENGINE)
+    ]
+    tls_key: Annotated[
+        str | None, Option("Private key of that certificate.", metavar="FILE", panel=ENGINE)
+    ]
     shard: Annotated[
         tuple[int, int] | None,
         Option(
-            "Make the i-th of n equal parts only, in this process: n machines then need no scheduler.",
+            "Make the i-th of n equal parts only: n machines then need no scheduler.",
             check=checked_shard,
             metavar="i/n",
             panel=ENGINE,
@@ -87,7 +96,7 @@ class RunOptions(TypedDict, total=False):
     timeout_s: Annotated[
         float | None,
         Option(
-            "End a process whose render or sample takes longer, in seconds. Default: never.",
+            "End a process that takes longer for a light and its samples, in seconds. Default: never.",
             low=0.001,
             high=1e9,
             example="600",
@@ -104,60 +113,6 @@ class RunOptions(TypedDict, total=False):
             panel=ENGINE,
         ),
     ]
-    retry: Annotated[bool, Option("Also try what is in quarantine.", False, panel=ENGINE)]
-
-
-class ExportOptions(TypedDict, total=False):
-    """All options of :func:`dataset.exports.export.export`."""
-
-    split: Annotated[
-        str | None, Option("Only samples of this split.", metavar="NAME", panel=EXPORT)
-    ]
-    arrays: Annotated[
-        list[str] | None,
-        Option(
-            "An array of each sample in parquet, webdataset and hdf5: raw, clean, variance, electrons, depth_m, … "
-            "Repeatable. Default: raw, clean and variance; in hdf5 all images.",
-            flag="--array",
-            metavar="NAME",
-            panel=EXPORT,
-            text=list[str],
-        ),
-    ]
-    shard_mb: Annotated[
-        int | None,
-        Option(
-            "Largest size of a file of parquet and webdataset, in MB. Default: 1000, of parquet 256.",
-            low=1,
-            high=10**6,
-            example="500",
-            panel=EXPORT,
-        ),
-    ]
-    images: Annotated[
-        Literal["preview", "raw"] | None,
-        Option(
-            "Pictures of coco, nerfstudio, colmap, kitti and euroc: the preview, or the digital numbers of the first "
-            "raw frame. Default: raw for kitti and euroc.",
-            panel=EXPORT,
-        ),
-    ]
-    incomplete: Annotated[
-        bool,
-        Option(
-            "Export what is there of a dataset that is not complete; without it that is refused.",
-            False,
-            panel=EXPORT,
-        ),
-    ]
-    licence: Annotated[
-        str | None,
-        Option(
-            "Licence for the card. Default: that of the dataset file.",
-            metavar="TEXT",
-            panel=EXPORT,
-        ),
-    ]
-    force: Annotated[
-        bool, Option("Replace an export that is there.", False, flag="--force", panel=EXPORT)
+    retry: Annotated[
+        bool, Option("Also try again what could not be made.", False, panel=ENGINE)
     ]

@@ -1,50 +1,112 @@
 """The noise of a camera as a transform of images that were made elsewhere, for augmentation."""
 
-from __future__ import annotations
-
+# Without `from __future__ import annotations`: core/options.py reads the declarations of options at run time.
 import math
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Annotated, Any, Literal, TypeAlias, TypedDict, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..camera.camera import Camera, with_fields_of
 from ..camera.camera_file import AnyCamera, camera_of
 from ..camera.figures import saturation_e
-from ..core import Doubt, Exposure, InputError, Photons, check_types, warn_of
-from ..core.errors import shown
+from ..core import Doubt, Exposure, InputError, Photons, check_types, refuse_masked, warn_of
+from ..core.checks import PICTURE_FILE, refuse_path
+from ..core.errors import require, require_seed, shown
 from ..core.llvm import backend_problem
-from ..core.types import Float32Array
+from ..core.options import Option, complete, documents
+from ..core.types import Float32Array, NumpyArray
 from ..expose import Sensor
-from ..optics.spectra import srgb_curve
+from ..optics.spectra import inverse_srgb_curve, srgb_curve
 from ..output.demosaic import demosaic
 from ..output.frames import Frames
-from ..sensor.metering import electrons_of, saturated_share
+from ..sensor.metering import saturated_share
 from ..stages.usual_range import warn_of_temperature
-from .images import Image, Values, as_array, as_came_in, as_given, scaled
 
-Output: TypeAlias = Literal["raw", "developed"]
-KEPT = 8
-"""Sensors with their FPN maps that are kept, of the last chips and gains."""
-MOST_SERIAL = 2**31 - 1
-LARGEST_SEED = 2**63
-NEARLY_SATURATED = 0.8
-"""Share of the saturation below which the brightest pixel is not looked at more closely."""
-MANY_SATURATED = 0.05
-"""Share of the pixels of an image from which on a note says that they are saturated."""
-ALONE = threading.Lock()
+Image: TypeAlias = Any
+"""A NumPy array, or a tensor of PyTorch, of which only methods are used."""
+SENSORS_MAX = 8
+"""Sensors with their FPN maps that are kept, those of the last sensor units and gains."""
+SERIAL_MAX = 2**31 - 1
+SEED_END = 2**63
+"""Above the seeds of temporal noise that are drawn."""
+SRGB_MAX = 1.001
+"""Up to rounding in half precision, a value behind the sRGB curve is at most 1."""
+SATURATED_PIXELS = 0.05
+"""Share of the pixels of an image from which on a note reports their saturation."""
+ONE_THREAD = threading.Lock()
 """Dr.Jit compiles and runs for one thread at a time."""
+
+
+def _pair(name: str, value: Any, low: float, high: float) -> tuple[Any, Any]:
+    """(lowest, highest) of one number or two. Raises InputError."""
+    ends = tuple(value) if isinstance(value, list | tuple) else (value, value)
+    for end in ends:
+        require(name, end, low, high, "or two: (lowest, highest)")
+    if len(ends) != 2 or ends[0] > ends[1]:
+        raise InputError(
+            f"{name} is {shown(value)}; it must be one number, or (lowest, highest)."
+        )
+    return ends
+
+
+def _serials(name: str, value: Any) -> tuple[Any, Any]:
+    ends = _pair(name, value, 1, SERIAL_MAX)
+    return require_seed(name, ends[0]), require_seed(name, ends[1])
+
+
+class NoiseOptions(TypedDict, total=False):
+    """All options of :class:`SensorNoise`."""
+
+    gain: Annotated[
+        str | float | Sequence[str | float] | None,
+        Option(
+            "Gain setting, or several, of which each image draws one. Default: the camera's own numbers."
+        ),
+    ]
+    serial: Annotated[
+        int | tuple[int, int],
+        Option(
+            "Serial number of the sensor unit, or (first, last) of those from which each image draws one.",
+            1,
+            check=_serials,
+        ),
+    ]
+    values: Annotated[
+        Literal["electrons", "linear", "srgb"],
+        Option(
+            "What the values of images are: mean photoelectrons per pixel; proportional to them, where 1 is white_e; "
+            "or linear values behind the curve of IEC 61966-2-1, integers of 8 bits or 0 to 1.",
+            "linear",
+        ),
+    ]
+    white_e: Annotated[
+        float | tuple[float, float] | None,
+        Option(
+            "Mean electrons of a value of 1, or (least, most), between which the logarithm is uniform.",
+            check=lambda name, value: _pair(name, value, 1e-3, 1e9),
+        ),
+    ]
+    output: Annotated[
+        Literal["raw", "developed"],
+        Option(
+            "Digital numbers; or a demosaiced image of the values that came in: integers of 8 bits again, or floats "
+            "that are not clipped, so that the noise of linear values stays centred (negative values mirror the curve "
+            "of sRGB).",
+            "raw",
+        ),
+    ]
+    seed: Annotated[int, Option("Seed of everything that is drawn.", 0, check=require_seed)]
 
 
 @dataclass(frozen=True)
 class Draw:
     """What one image was taken with.
 
-    serial : of the chip.  gain : setting, or None.  white_e : mean electrons of a value of 1, or None.
+    serial : of the sensor unit.  gain : setting, or None.  white_e : mean electrons of a value of 1, or None.
     seed : of the temporal noise.
     """
 
@@ -56,16 +118,16 @@ class Draw:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NoisyImage:
-    """image : as the transform was asked for, of the kind that it was given: an array, or a tensor.
+    """image : raw or developed, of the kind that was given: an array, or a tensor.
 
     draws : of each image of a batch, one for a single image.  frames : of each, with theory, clean frame and origin.
-    notes : sentences on what may surprise, of all images together.
+    notes : sentences on possible problems, of all images together.
     """
 
     image: Image
     draws: tuple[Draw, ...]
     frames: tuple[Frames, ...]
-    _like: Image
+    _given: Image
     _batch: bool
     notes: tuple[str, ...] = ()
 
@@ -78,12 +140,10 @@ class NoisyImage:
     def variance_dn2(self) -> Image:
         """Variance of the temporal noise of every pixel of the raw frame, (H, W) or (N, H, W) [DN²].
 
-        What the frame would be without temporal noise is ``frames[0].clean``.
+        The frame without temporal noise is ``frames[0].clean``.
         """
-        return self._stacked([one.temporal_variance for one in self.frames])
-
-    def _stacked(self, arrays: list[NDArray[Any]]) -> Image:
-        return as_given(np.stack(arrays) if self._batch else arrays[0], self._like)
+        variances = [frames.temporal_variance for frames in self.frames]
+        return _like(self._given, np.stack(variances) if self._batch else variances[0])
 
 
 class SensorNoise:
@@ -96,15 +156,6 @@ class SensorNoise:
 
     camera : a :class:`Camera`, or what :func:`load_camera` takes.
     exposure : time and temperature, for the dark current.
-    gain : setting, or several, of which one is drawn for every image; without it the camera's own numbers.
-    serial : of the chip, or (first, last) of those that one is drawn from for every image.
-    values : of the images: ``"electrons"``, mean photoelectrons per pixel; ``"linear"``, proportional to them, where 1
-        is ``white_e``; ``"srgb"``, the same behind the curve of IEC 61966-2-1, integers of 8 bits or 0 … 1.
-    white_e : mean electrons of a value of 1, or (least, most), between which the logarithm is uniform.
-    output : ``"raw"``, digital numbers; ``"developed"``, an image of the values that came in, demosaiced: integers of 8
-        bits again, or floats that are not clipped, so that the noise of linear values stays centred; negative ones have
-        the curve of sRGB mirrored.
-    seed : of all that is drawn.
 
     ``engine`` is the compiled one where there is LLVM, and may be set to another of :func:`expose`'s: ``"numpy"`` in
     processes that are forked.
@@ -113,43 +164,37 @@ class SensorNoise:
     mosaic; batches have one dimension more in front. Raises InputError for options and images that do not fit.
     """
 
+    @documents(NoiseOptions)
     def __init__(
         self,
         camera: AnyCamera,
         *,
         exposure: Exposure | None = None,
-        gain: str | float | Sequence[str | float] | None = None,
-        serial: int | tuple[int, int] = 1,
-        values: Values = "linear",
-        white_e: float | tuple[float, float] | None = None,
-        output: Output = "raw",
-        seed: int = 0,
+        **options: Unpack[NoiseOptions],
     ) -> None:
         self.camera = camera_of(camera)
         self.exposure = Exposure(0.01) if exposure is None else exposure
         check_types(self.camera, self.exposure)
         warn_of_temperature(self.exposure.temperature_k)
-        self.gains = (
-            tuple(gain) if isinstance(gain, Sequence) and not isinstance(gain, str) else (gain,)
+        chosen: Any = complete(NoiseOptions, options)
+        gain = chosen["gain"]
+        self.gains = tuple(gain) if isinstance(gain, list | tuple) else (gain,)
+        self.serials, self.values, self.white_e = (
+            chosen[x] for x in ("serial", "values", "white_e")
         )
-        self.serials = _range("serial", serial, 1, MOST_SERIAL, int)
-        self.values = _choice("values", values, get_args(Values))
-        self.output = _choice("output", output, get_args(Output))
-        self.white_e = None if white_e is None else _range("white_e", white_e, 1e-3, 1e9)
-        self.seed = _seed("seed", seed)
+        self.output, self.seed = chosen["output"], chosen["seed"]
         self.engine = "drjit" if backend_problem("llvm") is None else "numpy"
         if (self.white_e is None) != (self.values == "electrons"):
-            needs = 'needs white_e, e.g. (50, 2000), or "electrons"'
-            if self.values == "electrons":
-                needs = "has no white_e"
-            raise InputError(f"values is {self.values!r}, which {needs}.")
-        if not self.gains:
             raise InputError(
-                f"gain is {gain!r}; pass one setting or several, or leave it out for the camera's own."
+                f"values is {self.values!r} and white_e {self.white_e}; 'linear' and 'srgb' need white_e, e.g. "
+                "(50, 2000), and 'electrons' has none."
             )
+        if not self.gains:
+            raise InputError(f"gain is {gain!r}; pass one setting or several, or omit it.")
         for setting in self.gains:
             self.camera.at_gain(setting)
-        self.light_nm = _usual_nm(self.camera)
+        self.light_nm = _wavelength_nm(self.camera)
+        self._letters = [name[:1].upper() for name in self.camera.filter_names]
         self._sensors: dict[tuple[Any, ...], Sensor] = {}
         self._is_warned = False
 
@@ -157,183 +202,183 @@ class SensorNoise:
         return f"SensorNoise({self.camera.name!r}, values={self.values!r}, output={self.output!r}, seed={self.seed})"
 
     def __call__(self, image: Image, sample: int = 0) -> NoisyImage:
-        """The image as the camera takes it.
+        """Return the image as the camera takes it.
 
         image : (H, W), (H, W, 3), or a batch of them.  sample : number of the (first) image: the same number gives the
-            same chip, gain, brightness and noise, in whatever order images come, in every process.
+            same sensor unit, gain, brightness and noise, in whatever order images come, in every process.
         """
-        sample, given = _seed("sample", sample), as_array(image)
-        colour = self._is_colour(given)
-        batch = given.ndim == (4 if colour else 3)
-        draws, frames, out, saturated = [], [], [], list[str]()
-        for number, one in enumerate(given if batch else given[None]):
-            draw = self.draw(sample + number)
-            draws.append(draw)
-            photons = self._photons(one, draw, colour)
-            saturated += self._saturation_note(photons, draw)
-            frames.append(self._expose(photons, draw))
-            raw = frames[-1].digital[0]
-            if self.output == "developed":
-                out.append(as_came_in(self._developed(raw, draw, colour), given))
-            else:
-                out.append(raw)
-        if batch:
-            found = np.stack(out)
-        else:
-            found = out[0]
-        notes = tuple(dict.fromkeys(saturated))
-        if not self._is_warned:  # once of each transform: a training has thousands of images
+        sample, given = require_seed("sample", sample), _array_of(image)
+        is_batch = given.ndim == 3 + self._is_colour(given)
+        images = given if is_batch else given[None]
+        draws = tuple(self.draw(sample + number) for number in range(len(images)))
+        photons = [self._photons(*pair) for pair in zip(images, draws, strict=True)]
+        frames = tuple(self._expose(*pair) for pair in zip(photons, draws, strict=True))
+        found: list[NumpyArray] = [one.digital[0] for one in frames]
+        if self.output == "developed":
+            pairs = zip(found, draws, strict=True)
+            found = [self._developed(raw, draw, given) for raw, draw in pairs]
+        noted = [self._saturation_note(*pair) for pair in zip(photons, draws, strict=True)]
+        notes = tuple(dict.fromkeys(note for note in noted if note))
+        if not self._is_warned:  # once per transform: a training has thousands of images
             self._is_warned = bool(notes)
             warn_of(notes)
-        made = as_given(found, image), tuple(draws), tuple(frames)
-        return NoisyImage(*made, image, batch, notes)
+        made = _like(image, np.stack(found) if is_batch else found[0])
+        return NoisyImage(made, draws, frames, image, is_batch, notes)
 
     def __getstate__(self) -> dict[str, Any]:
         """For other processes: without sensors."""
         return {**vars(self), "_sensors": {}}
 
     def draw(self, sample: int) -> Draw:
-        """Chip, gain, brightness and seed of an image with this number."""
-        chance = np.random.default_rng([self.seed, sample])
-        serial = int(chance.integers(self.serials[0], self.serials[1], endpoint=True))
-        gain = self.gains[int(chance.integers(len(self.gains)))]
+        """Return sensor unit, gain, brightness and seed of the image with this number."""
+        random = np.random.default_rng([self.seed, sample])
+        serial = int(random.integers(self.serials[0], self.serials[1], endpoint=True))
+        gain = self.gains[int(random.integers(len(self.gains)))]
         white_e = None
         if self.white_e is not None:
-            least, most = self.white_e
-            share = chance.uniform()
-            if least == most:
-                white_e = float(least)
-            else:
-                white_e = float(least * (most / least) ** share)
-        return Draw(serial, gain, white_e, int(chance.integers(LARGEST_SEED)))
+            (least, most), share = self.white_e, random.uniform()
+            white_e = float(least if least == most else least * (most / least) ** share)
+        return Draw(serial, gain, white_e, int(random.integers(SEED_END)))
 
-    def _saturation_note(self, photons: Photons, draw: Draw) -> list[str]:
-        """Where many pixels are saturated: what the brightest pixel has, and what the camera holds."""
+    def _saturation_note(self, photons: Photons, draw: Draw) -> str:
+        """Where many pixels are saturated: how many electrons the camera holds, and what helps."""
         camera = self.camera.at_gain(draw.gain)
-        level_e = saturation_e(camera)
-        efficiency = camera.qe([self.light_nm])[:, 0]
-        if photons.mean.max() * efficiency.max() < NEARLY_SATURATED * level_e:
-            return []
-        electrons = electrons_of(photons, camera, self.exposure)
-        share = saturated_share(electrons, camera, self.exposure)
-        if share < MANY_SATURATED:
-            return []
-        white = "give fewer electrons"
+        efficiency = camera.qe([self.light_nm])[:, 0][camera.filter_index(photons.shape[:2])]
+        share = saturated_share(photons.mean[..., 0] * efficiency, camera, self.exposure)
+        if share < SATURATED_PIXELS:
+            return ""
+        remedy = "give fewer electrons"
         if draw.white_e is not None:
-            white = f"a value of 1 is {draw.white_e:.4g} e- here; give a smaller white_e"
+            remedy = f"a value of 1 is {draw.white_e:.4g} e- here; give a smaller white_e"
         setting = "" if draw.gain is None else f" at gain {draw.gain}"
-        return [
-            Doubt(
-                f"{share:.0%} of the pixels of an image are saturated: {camera.name}{setting} holds {level_e:.4g} e-; "
-                f"{white}"
-            )
-        ]
+        return Doubt(
+            f"{share:.0%} of the pixels of an image are saturated: {camera.name}{setting} holds "
+            f"{saturation_e(camera):.4g} e-; {remedy}"
+        )
 
     def _expose(self, photons: Photons, draw: Draw) -> Frames:
-        key = (
-            threading.get_ident(),
-            draw.gain,
-            draw.serial,
-            photons.shape,
-        )  # Dr.Jit's arrays are of one thread
+        # Dr.Jit's arrays belong to one thread
+        key = (threading.get_ident(), draw.gain, draw.serial, photons.shape)
         asked: Any = {"seed": draw.seed, "first_frame": 0, "engine": self.engine}
-        with ALONE:
+        with ONE_THREAD:
             sensor = self._sensors.pop(key, None)
             if sensor is None:
-                sensor = Sensor(
-                    _as_large(self.camera, photons.shape).at_gain(draw.gain), serial=draw.serial
-                )
-                while len(self._sensors) >= KEPT:
+                camera = _at_least_as_large(self.camera, photons.shape).at_gain(draw.gain)
+                sensor = Sensor(camera, serial=draw.serial)
+                while len(self._sensors) >= SENSORS_MAX:
                     del self._sensors[next(iter(self._sensors))]
             self._sensors[key] = sensor
             return sensor.frames(photons, self.exposure, asked)
 
-    def _is_colour(self, given: NDArray[Any]) -> bool:
-        """Whether the last dimension is red, green and blue."""
-        colour = given.ndim == 4 or (given.ndim == 3 and given.shape[2] == 3)
-        if given.ndim in (3, 4) and given.shape[-1] == 4 and given.shape[-2] > 4:
+    def _is_colour(self, given: NumpyArray) -> bool:
+        """Return True if the last dimension is red, green and blue. Raises InputError for a shape of no image."""
+        shape, is_rgb = given.shape, set(self._letters) == set("RGB")
+        colour = given.ndim == 4 or (given.ndim == 3 and shape[2] == 3)
+        grey_or_alpha = given.ndim == 3 and shape[1] > shape[2] and shape[2] in (1, 2, 4)
+        is_image = given.ndim in (2, 3, 4) and given.size and not grey_or_alpha
+        if not is_image or (given.ndim == 4 and shape[3] != 3):
             raise InputError(
-                f"image has shape {given.shape}, with transparency; pass image[..., :3]."
+                f"image has shape {shape}; pass (H, W), (H, W, 3), or a batch of one of them; without transparency, "
+                "pass image[..., :3]."
             )
-        layers = given.ndim == 3 and given.shape[1] > given.shape[2] in (
-            1,
-            2,
-            4,
-        )  # grey or alpha behind the pixels
-        if (
-            given.ndim not in (2, 3, 4)
-            or (given.ndim == 4 and given.shape[3] != 3)
-            or layers
-            or not given.size
-        ):
+        if given.ndim == 3 and shape[0] == 3 and not colour and is_rgb:
             raise InputError(
-                f"image has shape {given.shape}; pass (H, W), (H, W, 3), or a batch of one of them."
+                f"image has shape {shape}: one colour image whose planes come first, or three grey ones? "
+                "Pass a colour image as np.moveaxis(image, 0, -1), and grey ones individually."
             )
-        names = {name[:1].upper() for name in self.camera.filter_names}
-        planes_first = given.ndim == 3 and given.shape[0] == 3 and not colour
-        if planes_first and names == set("RGB"):
-            raise InputError(
-                f"image has shape {given.shape}: one colour image whose planes come first, or three grey ones? "
-                "Pass the first as np.moveaxis(image, 0, -1), and three grey ones one by one."
-            )
-        if colour and names != set("RGB"):
+        if colour and not is_rgb:
             filters = ", ".join(self.camera.filter_names) or "none"
             raise InputError(
-                f"image has shape {given.shape} and {self.camera.name} the filters {filters}; pass (H, W), the light "
+                f"image has shape {shape} and {self.camera.name} the filters {filters}; pass (H, W), the light "
                 "behind each pixel's own filter."
             )
         return colour
 
-    def _photons(self, given: NDArray[Any], draw: Draw, colour: bool) -> Photons:
+    def _photons(self, image: NumpyArray, draw: Draw) -> Photons:
         """Mean photons per pixel at one wavelength that give the image's photoelectrons behind each filter."""
-        efficiency, tile = self.camera.qe([self.light_nm])[:, 0], self.camera.tile
-        mean = np.empty(given.shape[:2], np.float32)
-        for row, numbers in enumerate(tile):
-            for column, number in enumerate(numbers):
-                part = slice(row, None, len(tile)), slice(column, None, len(numbers))
-                letter = self.camera.filter_names[number][:1].upper()
-                if colour:
-                    values = given[part][..., "RGB".index(letter)]
-                else:
-                    values = given[part]
-                with np.errstate(over="ignore", invalid="ignore"):
-                    mean[part] = scaled(
-                        values,
-                        self.values,
-                        np.float32((draw.white_e or 1.0) / efficiency[number]),
-                    )
+        filters = self.camera.filter_index(image.shape[:2])
+        values = image
+        if image.ndim == 3:
+            channels = np.array(["RGB".index(letter) for letter in self._letters])[filters]
+            values = np.take_along_axis(image, channels[..., None], 2)[..., 0]
+        efficiency = self.camera.qe([self.light_nm])[:, 0]
+        factors = ((draw.white_e or 1.0) / efficiency).astype(np.float32)[filters]
+        with np.errstate(over="ignore", invalid="ignore"):
+            mean = self._linear(values) * factors
         if not 0 <= mean.min() <= mean.max() < np.inf:
-            worst = given[~((given >= 0) & np.isfinite(given))]
-            if worst.size:
-                value = worst.flat[0]
-            else:
-                value = given.max()
+            wrong = image[~((image >= 0) & np.isfinite(image))]
+            value = wrong.flat[0] if wrong.size else image.max()
             raise InputError(
                 f"image has values such as {value:g}; mean light is finite and at least 0, in float32."
             )
         return Photons(mean[..., None], np.array([self.light_nm]))
 
-    def _developed(self, raw: NDArray[Any], draw: Draw, colour: bool) -> Float32Array:
-        """In the values that came in: black level and gain are taken out, missing colours interpolated."""
+    def _linear(self, values: NumpyArray) -> Float32Array:
+        """Values proportional to light, as float32. Raises InputError for values of another kind."""
+        is_whole = values.dtype.kind in "iu"
+        if self.values == "linear" and is_whole:
+            raise InputError(
+                f"image is {values.dtype}, as a picture has it, and values 'linear', of which 1 is white; pass "
+                'values="srgb" for a picture, or floats whose white is 1.'
+            )
+        if self.values != "srgb":
+            return np.asarray(values, np.float32)
+        if values.dtype == np.uint8:
+            levels = inverse_srgb_curve(np.linspace(0, 1, 256, dtype=np.float32))
+            return np.asarray(np.take(levels, values), np.float32)
+        if is_whole or not 0 <= values.min() <= values.max() <= SRGB_MAX:
+            raise InputError(
+                f"image is {values.dtype} with values from {values.min():g} to {values.max():g}, and values 'srgb' "
+                "takes uint8, or floats from 0 to 1; divide by the code of white, clip them with "
+                'np.clip(image, 0, 1), or pass values="linear" for light that goes beyond white.'
+            )
+        return np.asarray(inverse_srgb_curve(values.astype(np.float32)), np.float32)
+
+    def _developed(self, raw: NumpyArray, draw: Draw, given: NumpyArray) -> NumpyArray:
+        """The values that came in: black level and gain are taken out, missing colours interpolated."""
         camera = self.camera.at_gain(draw.gain)
         scale = camera.system_gain_dn_per_e * (draw.white_e or 1.0)
         linear = (raw.astype(np.float64) - camera.black_level_dn) / scale
-        if colour:
-            names = [name[:1].upper() for name in camera.filter_names]
+        if self._is_colour(given):
             filters = camera.filter_index(linear.shape)
-            if np.unique(filters).size < len(names):
-                size = f"{linear.shape[0]} × {linear.shape[1]}"
+            if np.unique(filters).size < len(self._letters):
                 raise InputError(
-                    f'image has {size} pixels, which lack a colour; pass more of them, or output="raw".'
+                    f"image has {linear.shape[0]} × {linear.shape[1]} pixels, which lack a colour; pass more of them, "
+                    'or output="raw".'
                 )
-            linear = demosaic(linear, filters, camera)[..., [names.index(c) for c in "RGB"]]
+            order = [self._letters.index(letter) for letter in "RGB"]
+            linear = demosaic(linear, filters, camera)[..., order]
         if self.values == "srgb":
             linear = np.copysign(srgb_curve(np.abs(linear)), linear)
-        return linear.astype(np.float32)
+        developed = linear.astype(np.float32)
+        if given.dtype != np.uint8:
+            return developed
+        return np.clip(np.rint(developed * 255), 0, 255).astype(np.uint8)
 
 
-def _usual_nm(camera: Camera) -> float:
-    """Where every filter sees light, best for the one that sees least, and a photon makes one electron."""
+def _array_of(image: Image) -> NumpyArray:
+    """The array of an image or a tensor. Raises InputError for booleans, text and complex numbers."""
+    if hasattr(image, "detach"):
+        image = image.detach().cpu()
+        # NumPy has no bfloat16
+        image = (image.float() if image.is_floating_point() else image).numpy()
+    refuse_masked("image", image)
+    refuse_path("image", image, PICTURE_FILE)
+    array = np.asarray(image)
+    if array.dtype.kind not in "iuf":
+        raise InputError(f"image is {array.dtype}; pass integers or floats.")
+    return array
+
+
+def _like(given: Image, found: NumpyArray) -> Image:
+    """A tensor of floats where a tensor came in (its integers may be too short), else the array."""
+    if hasattr(given, "new_tensor"):
+        return given.new_empty(0).float().new_tensor(found.astype(np.float32))
+    return found
+
+
+def _wavelength_nm(camera: Camera) -> float:
+    """Where every filter sees light, best for the least sensitive one, and a photon makes one electron."""
     section = camera.quantum_efficiency
     low, high = camera.band_nm
     at = np.arange(math.ceil(low), math.floor(high) + 1.0)
@@ -348,46 +393,15 @@ def _usual_nm(camera: Camera) -> float:
     return float(at[int(np.argmax(least))])
 
 
-def _as_large(camera: Camera, shape: tuple[int, ...]) -> Camera:
-    """With rows and columns enough for the image."""
-    rows, columns = (camera.sensor.rows or 0, camera.sensor.columns or 0)
-    if shape[0] <= rows and shape[1] <= columns:
-        return camera
-    size = {"sensor.rows": max(rows, shape[0]), "sensor.columns": max(columns, shape[1])}
+def _at_least_as_large(camera: Camera, shape: tuple[int, ...]) -> Camera:
+    """The camera with enough rows and columns for an image."""
+    known = {
+        "sensor.rows": camera.sensor.rows or 0,
+        "sensor.columns": camera.sensor.columns or 0,
+    }
+    size = {
+        name: pixels
+        for (name, x), pixels in zip(known.items(), shape, strict=False)
+        if pixels > x
+    }
     return with_fields_of(camera, size, "as large as the image")
-
-
-def _choice(name: str, value: Any, known: tuple[str, ...]) -> Any:
-    if not isinstance(value, str) or value not in known:
-        raise InputError(f"{name} is {shown(value)}; it must be one of {', '.join(known)}.")
-    return value
-
-
-def _seed(name: str, value: Any) -> int:
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | np.integer)
-        or not 0 <= value < LARGEST_SEED
-    ):
-        raise InputError(f"{name} is {value!r}; it must be a whole number from 0 to 2⁶³ − 1.")
-    return int(value)
-
-
-def _range(
-    name: str, value: Any, least: float, most: float, kind: type = float
-) -> tuple[Any, Any]:
-    """(low, high) of one number or two, whole ones for the kind int."""
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        ends = tuple(value)
-    else:
-        ends = (value, value)
-    known = (int, np.integer) if kind is int else (int, float, np.integer, np.floating)
-    numbers = all(isinstance(one, known) and not isinstance(one, bool) for one in ends)
-    if len(ends) != 2 or not numbers or not least <= ends[0] <= ends[1] <= most:
-        what = "number"
-        if kind is int:
-            what = "whole number"
-        raise InputError(
-            f"{name} is {value!r}; it must be a {what} from {least:g} to {most:g}, or two: (low, high)."
-        )
-    return ends

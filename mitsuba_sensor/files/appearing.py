@@ -99,6 +99,16 @@ def write_drawing(path: Path, content: bytes) -> None:
         temporary.write_bytes(content)
 
 
+@contextmanager
+def temporary_copy(name: str, content: bytes, place: str) -> Iterator[Path]:
+    """The path of a file with this name and content, for readers that take no bytes.  place : for their messages."""
+    with tempfile.TemporaryDirectory(prefix="mitsuba-sensor-") as folder:
+        path = Path(folder) / name
+        path.write_bytes(content)
+        with names_in(Path(place), path):
+            yield path
+
+
 def refuse_empty(path: str | os.PathLike[str], name: str, remedy: str) -> None:
     """Raise InputError for an empty path, which would be the current folder, and for an address.
 
@@ -108,8 +118,7 @@ def refuse_empty(path: str | os.PathLike[str], name: str, remedy: str) -> None:
         raise InputError(f"{name} is empty; {remedy}.")
     if _OF_ADDRESS.match(str(path)):
         raise InputError(
-            f"{name} is {path}, an address of an object store, which only `mitsuba-sensor dataset push` and ms.Dataset "
-            f"take; {remedy}."
+            f"{name} is {path}, the address of an object store; copy it to a folder here, or {remedy}."
         )
 
 

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 CONTAINER = Path("/sys/fs/cgroup")
 """Linux: what a container may have and has."""
+LOOKS_EVERY_S = 0.2
+"""Between two looks at how much memory a process takes."""
+TOO_MUCH_MEMORY = 86
+"""Exit code of a process that ends itself because it takes more than it may."""
 
 
 def free_memory_bytes() -> float:
@@ -33,14 +41,27 @@ def whole_memory_bytes() -> float:
     return min(whole, int(most))
 
 
-def resident_memory_bytes(process_id: int) -> int:
-    """Memory that a process has; 0 for one that has ended [byte]."""
+@contextmanager
+def memory_limit(most_gb: float | None) -> Iterator[None]:
+    """End this process, with a line on stderr, where it takes more memory meanwhile."""
+    if most_gb is None:
+        yield
+        return
     import psutil
 
+    process, ended = psutil.Process(), threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(LOOKS_EVERY_S):
+            if process.memory_info().rss > most_gb * 1e9:
+                os.write(2, f"it took more than {most_gb:g} GB of memory\n".encode())
+                os._exit(TOO_MUCH_MEMORY)
+
+    threading.Thread(target=watch, daemon=True).start()
     try:
-        return int(psutil.Process(process_id).memory_info().rss)
-    except psutil.Error:
-        return 0
+        yield
+    finally:
+        ended.set()
 
 
 def _text(name: str) -> str:

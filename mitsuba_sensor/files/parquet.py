@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache, partial
+from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -20,45 +21,34 @@ file and its name ("path"), as Hugging Face has it."""
 POSE = ("origin_m", "target_m", "up")
 GROUP = 1000
 """Rows that are read together: one row of a file takes as long as these."""
-FORM = {"compression": "lz4", "use_dictionary": False, "write_statistics": False}
+FORM: dict[str, Any] = {
+    "compression": "lz4",
+    "use_dictionary": False,
+    "write_statistics": False,
+    "write_page_checksum": True,
+}
 """Of the columns, so that a row is read at once; the file is a third larger than the smallest one."""
-END_BYTES = 2**16
-"""Of a file, in which what it says of itself is looked for at first."""
 AT_ONCE = 2048
 """Rows that become Python values at once."""
 
 
 def parquet_bytes(
-    columns: Mapping[str, Sequence[object]], kinds: Mapping[str, Kind], about: Mapping[str, str]
+    groups: Iterable[Mapping[str, Sequence[object]]],
+    kinds: Mapping[str, Kind],
+    about: Mapping[str, str],
 ) -> bytes:
-    """A file with these columns, in which None is a value that is not there.
+    """A file with these groups of rows, each a list for every column, in which None is a value that is not there.
 
-    kinds : of each column.  about : texts of the file itself.
+    kinds : of each column.  about : texts of the file itself.  Raises ValueError for values that are of no such kind.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    table = pa.table({name: columns[name] for name in kinds}, schema=schema_of(kinds, about))
-    sink = pa.BufferOutputStream()
-    pq.write_table(table, sink, row_group_size=GROUP, **FORM)
+    schema, sink = schema_of(kinds, about), pa.BufferOutputStream()
+    with only_value_errors(), pq.ParquetWriter(sink, schema, **FORM) as writer:
+        for columns in groups:
+            writer.write_table(pa.table(dict(columns), schema=schema))
     return bytes(sink.getvalue())
-
-
-def about_at_end(read_end: Callable[[int], bytes]) -> tuple[int, dict[str, str]]:
-    """How many rows a file has, and its texts, of which only the end is read.
-
-    read_end : returns so many bytes of its end, or all where it has fewer.  Raises ValueError for another file.
-    """
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    content = read_end(END_BYTES)
-    end_bytes = int.from_bytes(content[-8:-4], "little") + 8
-    if end_bytes > len(content):
-        content = read_end(end_bytes)
-    with _only_value_errors():
-        facts = pq.read_metadata(pa.BufferReader(content))
-    return facts.num_rows, _texts(facts.metadata)
 
 
 def schema_of(kinds: Mapping[str, Kind], about: Mapping[str, str]) -> object:
@@ -72,16 +62,17 @@ def schema_of(kinds: Mapping[str, Kind], about: Mapping[str, str]) -> object:
 class ParquetRows:
     """The rows of a file that :func:`parquet_bytes` made; each group of rows is read when it is asked for.
 
-    types : name of each column → that of its values.  about : texts of the file itself.
-    Raises ValueError for other bytes.
+    source : its path or content.  types : name of each column → that of its values.  about : texts of the file itself.
+    Raises ValueError for other bytes, now or when they are read.
     """
 
-    def __init__(self, content: bytes) -> None:
+    def __init__(self, source: Path | bytes) -> None:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        with _only_value_errors():
-            self._file = pq.ParquetFile(pa.BufferReader(content))
+        with only_value_errors():
+            opened = pa.BufferReader(source) if isinstance(source, bytes) else source
+            self._file = pq.ParquetFile(opened, page_checksum_verification=True)
         self._group = lru_cache(2)(partial(_columns_of_group, self._file))
         schema, self.rows = self._file.schema_arrow, int(self._file.metadata.num_rows)
         self.types = {field.name: str(field.type) for field in schema}
@@ -90,18 +81,22 @@ class ParquetRows:
     def row(self, number: int) -> Row:
         """One row."""
         group, place = divmod(number, GROUP)
-        return {name: column[place].as_py() for name, column in self._group(group).items()}
+        with only_value_errors():
+            columns = self._group(group)
+        return {name: column[place].as_py() for name, column in columns.items()}
 
     def all_rows(self) -> Iterator[Row]:
         """Each row, in order."""
-        for batch in self._file.iter_batches(AT_ONCE, use_threads=False):
-            yield from batch.to_pylist()
+        with only_value_errors():
+            for batch in self._file.iter_batches(AT_ONCE, use_threads=False):
+                yield from batch.to_pylist()
 
     def coded(self, name: str) -> tuple[list[object], NDArray[np.int64]]:
         """The values of a column, each once, and for each row the number of its own; −1 where there is none."""
         import pyarrow as pa
 
-        column = self._file.read([name], use_threads=False)[name].combine_chunks()
+        with only_value_errors():
+            column = self._file.read([name], use_threads=False)[name].combine_chunks()
         if pa.types.is_nested(column.type):  # of which Arrow finds no equal ones
             values = column.to_pylist()
             return values, np.arange(len(values))
@@ -117,11 +112,11 @@ def _columns_of_group(file: Any, number: int) -> dict[str, Any]:
 
 
 @contextmanager
-def _only_value_errors() -> Iterator[None]:
+def only_value_errors() -> Iterator[None]:
     """Whatever Arrow says of bytes that are no file of Parquet becomes a ValueError."""
     try:
         yield
-    except (OSError, NotImplementedError) as error:
+    except (OSError, NotImplementedError, TypeError) as error:
         raise ValueError(str(error)) from error
 
 

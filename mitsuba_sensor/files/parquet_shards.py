@@ -2,93 +2,58 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
 
 from .disk_errors import disk_sentences
 from .parquet import Kind, Row, schema_of
 
-if TYPE_CHECKING:
+GROUP_ROWS, GROUP_BYTES = 100, 2**25
+"""Largest group of rows, which readers have in memory at once."""
+
+
+def write_parquet_shards(
+    folder: Path,
+    name: str,
+    kinds: Mapping[str, Kind],
+    about: Mapping[str, str],
+    rows: Iterable[tuple[Row, int]],
+    shard_bytes: int,
+) -> None:
+    """Write rows into shards, which all get their names at the end. Raises InputError and DiskFull.
+
+    kinds : of the columns.  about : texts of each file itself.  rows : with the bytes of their images and arrays.
+    shard_bytes : of the images and arrays in a shard; a group of rows that is larger has a shard of its own.
+    """
+    import pyarrow as pa
     import pyarrow.parquet as pq
 
-MOST_ROWS = 100
-"""Of a group, which readers have in memory at once."""
-GROUP_BYTES = 2**25
+    schema, paths, used = schema_of(kinds, about), list[Path](), 0
+    with ExitStack() as stack:
+        for group, size in _groups(rows, min(GROUP_BYTES, shard_bytes)):
+            if not paths or used + size > shard_bytes:
+                stack.close()
+                paths.append(folder / f"{name}-{len(paths):05d}.parquet")
+                stack.enter_context(disk_sentences(paths[-1], size))
+                file = stack.enter_context(paths[-1].open("wb"))
+                writer = pq.ParquetWriter(file, schema, compression="zstd")
+                stack.enter_context(writer)
+                used = 0
+            writer.write_table(pa.Table.from_pylist(group, schema=schema))
+            used += size
+    for number, path in enumerate(paths):
+        path.rename(path.with_name(f"{name}-{number:05d}-of-{len(paths):05d}.parquet"))
 
 
-class ParquetShards:
-    """Writes rows into shards, of which the last one is closed, and all get their names, at the end.
-
-    name : of the shards.  kinds : of the columns.  about : texts of each file itself.
-    most_bytes : of the images and bytes in a shard; a group of rows that is larger has a shard of its own.
-    Raises InputError and DiskFull.
-    """
-
-    def __init__(
-        self,
-        folder: Path,
-        name: str,
-        kinds: Mapping[str, Kind],
-        about: Mapping[str, str],
-        most_bytes: int,
-    ) -> None:
-        self.folder, self.name, self.most_bytes = folder, name, most_bytes
-        self.schema = schema_of(kinds, about)
-        self._group: list[Row] = []
-        self._group_bytes = self._shard_bytes = 0
-        self._shards: list[Path] = []
-        self._stack = ExitStack()
-        self._writer: pq.ParquetWriter | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: object, *_: object) -> None:
-        with self._stack:
-            if kind is None:
-                self._write_group()
-        if kind is None:
-            for number, path in enumerate(self._shards):
-                path.rename(path.with_name(self.name_of(number)))
-
-    def name_of(self, number: int) -> str:
-        """Of a shard, when all are written."""
-        return f"{self.name}-{number:05d}-of-{len(self._shards):05d}.parquet"
-
-    def add(self, row: Row, size: int) -> None:
-        """Append a row.  size : of its images and bytes."""
-        if self._group and (
-            len(self._group) == MOST_ROWS or self._group_bytes + size > self._most_of_group
-        ):
-            self._write_group()
-        self._group.append(row)
-        self._group_bytes += size
-
-    @property
-    def _most_of_group(self) -> int:
-        return min(GROUP_BYTES, self.most_bytes)
-
-    def _write_group(self) -> None:
-        import pyarrow as pa
-
-        writer = self._writer
-        if writer is None or self._shard_bytes + self._group_bytes > self.most_bytes:
-            writer = self._open_next()
-        with disk_sentences(self._shards[-1], self._group_bytes):
-            writer.write_table(pa.Table.from_pylist(self._group, schema=self.schema))
-        self._shard_bytes += self._group_bytes
-        self._group, self._group_bytes = [], 0
-
-    def _open_next(self) -> pq.ParquetWriter:
-        import pyarrow.parquet as pq
-
-        self._stack.close()
-        path = self.folder / f"{self.name}-{len(self._shards):05d}.parquet"
-        self._shards.append(path)
-        self._stack.enter_context(disk_sentences(path))
-        file = self._stack.enter_context(path.open("wb"))
-        writer = pq.ParquetWriter(file, self.schema, compression="zstd")
-        self._writer, self._shard_bytes = self._stack.enter_context(writer), 0
-        return self._writer
+def _groups(rows: Iterable[tuple[Row, int]], bytes_max: int) -> Iterator[tuple[list[Row], int]]:
+    """Rows that are written together, and their bytes."""
+    group, used = list[Row](), 0
+    for row, size in rows:
+        if group and (len(group) == GROUP_ROWS or used + size > bytes_max):
+            yield group, used
+            group, used = [], 0
+        group.append(row)
+        used += size
+    if group:
+        yield group, used

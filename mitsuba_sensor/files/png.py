@@ -68,7 +68,7 @@ def read_png(file: Path | BinaryIO, place: str) -> np.ndarray:
         with Image.open(file, formats=["PNG"]) as picture:
             return np.asarray(picture)
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        why = " ".join(str(error).split()).rstrip(".") or "it is cut short"
+        why = " ".join(str(error).split()).partition(" <")[0].rstrip(".") or "it is cut short"
         raise InputError(
             f"{place} is no picture that can be read: {why}; make it again."
         ) from None

@@ -32,25 +32,24 @@ Stamp = tuple[int, int, int, int]
 Parameters = Mapping[str, object]
 
 
-def scene_digest(
-    path: str | os.PathLike[str], parameters: Parameters, roots: Sequence[Path]
+def files_digest(
+    paths: Sequence[Path], roots: Sequence[Path], beside: Path | None = None
 ) -> str:
-    """SHA-256 over the names, below the roots, and the contents of all files that the scene reads.
+    """SHA-256 over names, below the roots, and contents. Raises InputError for a file outside of them.
 
-    parameters : values of its <default> names.  roots : the folders below which it may read.
-    Raises InputError for a file outside of them, and as :func:`scene_references`.
+    beside : where it is given, files may be anywhere; outside of the roots their names are those from this folder.
     """
-    return files_digest(scene_references(path, parameters, roots), roots)
-
-
-def files_digest(paths: Sequence[Path], roots: Sequence[Path]) -> str:
-    """SHA-256 over names, below the roots, and contents. Raises InputError for a file outside of them."""
     named = sorted(
-        (name, _content_digest(path, _stamp(path))) for name, path in check_below(paths, roots)
+        (name, content_digest(path)) for name, path in check_below(paths, roots, beside)
     )
     return hashlib.sha256(
         "\n".join(f"{digest} {name}" for name, digest in named).encode()
     ).hexdigest()
+
+
+def content_digest(path: Path) -> str:
+    """SHA-256 of a file, which is read again where it was changed."""
+    return _content_digest(path, _stamp(path))
 
 
 def folder_names(folders: Iterable[Path]) -> str:
@@ -58,8 +57,12 @@ def folder_names(folders: Iterable[Path]) -> str:
     return ", ".join(dict.fromkeys(str(folder.absolute()) for folder in folders))
 
 
-def check_below(paths: Sequence[Path], roots: Sequence[Path]) -> list[tuple[str, Path]]:
+def check_below(
+    paths: Sequence[Path], roots: Sequence[Path], beside: Path | None = None
+) -> list[tuple[str, Path]]:
     """Names of the files below the first root that has each of them, and the files.
+
+    beside : as of :func:`files_digest`.
 
     Raises InputError for a file that is in none of them: by an absolute name, by ``..`` or through a link.
     """
@@ -67,6 +70,9 @@ def check_below(paths: Sequence[Path], roots: Sequence[Path]) -> list[tuple[str,
     for path in paths:
         real = path.resolve()
         root = next((one for one in places if real.is_relative_to(one)), None)
+        if root is None and beside is not None:
+            found.append((os.path.relpath(real, beside.resolve()).replace(os.sep, "/"), path))
+            continue
         if root is None:
             through = f", which is {real}," if real != Path(os.path.abspath(path)) else ""
             folders = folder_names(roots)

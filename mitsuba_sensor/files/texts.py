@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 from xml.etree import ElementTree
@@ -121,16 +122,41 @@ def short_json(report: object) -> str:
     return printable_json(text)
 
 
-def json_lines(report: Facts) -> str:
-    """The same with a line for each name, for people who look at a file that is written a million times."""
-    lines = (f"  {short_json(name)}: {short_json(value)}" for name, value in report.items())
-    return "{\n" + ",\n".join(lines) + "\n}\n"
-
-
 def _plain_value(value: object) -> object:
     if isinstance(value, np.generic | np.ndarray | Path):
         return plain_values(value)
     raise TypeError(f"{type(value).__name__} is no value of JSON")
+
+
+def yaml_text(values: Mapping[str, object]) -> str:
+    """Plain values as YAML 1.1, each list on one line with its texts in quotes, as OpenCV needs them; an array (rows,
+    columns) is a matrix of OpenCV."""
+    import yaml
+
+    class Dumper(yaml.SafeDumper):  # type: ignore[misc]
+        def ignore_aliases(self, data: object) -> bool:
+            return True
+
+    def matrix(dumper: Any, array: np.ndarray) -> Any:
+        rows, columns = array.shape
+        entries = {"rows": rows, "cols": columns, "dt": "d", "data": array.ravel().tolist()}
+        return dumper.represent_mapping("tag:yaml.org,2002:opencv-matrix", entries)
+
+    def sequence(dumper: Any, items: list[object]) -> Any:
+        node = dumper.represent_list(items)
+        for item in node.value:
+            if item.tag == "tag:yaml.org,2002:str":
+                item.style = '"'
+        return node
+
+    Dumper.add_representer(np.ndarray, matrix)
+    Dumper.add_representer(list, sequence)
+    form: dict[str, Any] = {
+        "sort_keys": False,
+        "default_flow_style": None,
+        "allow_unicode": True,
+    }
+    return str(yaml.dump(dict(values), Dumper=Dumper, width=1e9, **form))
 
 
 def read_toml(path: Path) -> dict[str, Any]:

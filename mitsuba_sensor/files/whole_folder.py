@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -131,10 +130,3 @@ def _publish(scratch: Path, path: Path, force: bool) -> None:
             os.rename(older, path)
         raise
     durable.remove_folder(older)
-
-
-def copy_into(folder: Path, name: str, source: Path) -> None:
-    """Copy a file to :func:`inside` ``folder``. Raises InputError, DiskFull."""
-    place = inside(folder, name)
-    with disk_sentences(place, source.stat().st_size):
-        shutil.copyfile(source, place)

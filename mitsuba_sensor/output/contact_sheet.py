@@ -130,7 +130,7 @@ def thumbnail(png: Path | bytes) -> NDArray[np.uint8]:
             factor = max(-(-max(picture.size) // SIDE), 1)
             return np.asarray(picture.convert("RGB").reduce(factor), dtype=np.uint8)
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        why = " ".join(str(error).split()).rstrip(".") or "it is cut short"
+        why = " ".join(str(error).split()).partition(" <")[0].rstrip(".") or "it is cut short"
         raise InputError(
             f"{name} is no picture that can be read: {why}; make it again."
         ) from None

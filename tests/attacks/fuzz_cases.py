@@ -18,8 +18,8 @@ import tifffile
 from PIL import Image
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.dataset.plan.file import read_dataset
-from mitsuba_sensor.dataset.plan.planned import load_plan
+from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.plan import load_plan
 from mitsuba_sensor.files.npz import read_fpn_maps
 from mitsuba_sensor.files.openexr import Plane, write_planes
 from mitsuba_sensor.files.raw_files import read_raw
@@ -360,7 +360,7 @@ def read(kind: str, path: Path) -> str:
 
 def _read_dataset(path: Path) -> str:
     file = read_dataset(path)
-    for _, _view in zip(range(2), load_plan(path, [ROOT]).views(), strict=False):
+    for _, _view in zip(range(2), load_plan(path, [ROOT]).tasks(), strict=False):
         pass
     return ignored(tomllib.loads(path.read_text("utf-8")), file.model_dump(mode="python"))
 

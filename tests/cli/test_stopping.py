@@ -125,7 +125,7 @@ def test_ctrl_c_that_workers_get_too_while_they_begin_says_one_sentence(
         2,
     ]
     with program(*arguments, temporary=tmp_path) as child:
-        wait_until((tmp_path / "out" / "record.json").exists)
+        wait_until((tmp_path / "out" / "dataset.json").exists)
         time.sleep(after_s)
         os.killpg(child.pid, signal.SIGINT)
         _, said = child.communicate(timeout=WAIT_S)

@@ -22,7 +22,7 @@ from mitsuba_sensor.core.progress import (
     automatic_progress,
     told_outside,
 )
-from mitsuba_sensor.dataset.run.run import RunProgress, shown_run
+from mitsuba_sensor.dataset.run import RunProgress, shown_run
 from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
 from mitsuba_sensor.render.passes.told import FILES, Series, told_progress
 

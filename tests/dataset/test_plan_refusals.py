@@ -14,10 +14,11 @@ from helpers.marks import exhaustive
 
 from mitsuba_sensor import InputError
 from mitsuba_sensor.dataset import make_dataset
-from mitsuba_sensor.dataset.plan.file import read_dataset
-from mitsuba_sensor.dataset.plan.planned import DatasetPlan
-from mitsuba_sensor.dataset.run.forecast import counts_of
-from mitsuba_sensor.dataset.run.run import run
+from mitsuba_sensor.dataset.cameras import Folders
+from mitsuba_sensor.dataset.checks import Counts, check_scenes, checked_counts
+from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.plan import DatasetPlan
+from mitsuba_sensor.dataset.run import run
 
 Cli = Callable[..., Any]
 Place = tuple[str | int, ...]
@@ -210,7 +211,14 @@ def changed(place: Place, *value: Any) -> dict[str, Any]:
 
 
 def plan_of(tables: dict[str, Any], scenes: Path) -> DatasetPlan:
-    return DatasetPlan(read_dataset(copy.deepcopy(tables)), [scenes], "text")
+    return DatasetPlan(read_dataset(copy.deepcopy(tables)), Folders([scenes]), "")
+
+
+def counts_of(plan: DatasetPlan) -> Counts:
+    """As `dataset plan` counts."""
+    counts = checked_counts(plan)
+    check_scenes(plan)
+    return counts
 
 
 def refusal(ask: Callable[[], object]) -> str:

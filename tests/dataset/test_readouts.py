@@ -1,46 +1,42 @@
-"""Datasets of cameras with several read-outs: combined code, read-outs and companded codes, made and read back."""
+"""Datasets of cameras with several readouts: combined code, readouts and companded codes, made and read back."""
 
 from __future__ import annotations
 
-import tarfile
-import tomllib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import tifffile
-from helpers.datasets import SCENES
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.dataset.exports.export import export
-from mitsuba_sensor.dataset.plan.file import read_dataset
-from mitsuba_sensor.dataset.plan.planned import DatasetPlan
-from mitsuba_sensor.dataset.run.run import run
+from mitsuba_sensor.dataset import make_dataset
+from mitsuba_sensor.dataset.plan import load_plan
 
 SPLIT = "omnivision_split_pixel"
 TEXT = f"""name = "hdr"
 outputs = ["raw", "readouts", "companded", "dng", "clean", "noise_budget", "preview"]
 render = {{ spp = 16, width = 40 }}
-scenes = [{{ name = "cornell", file = "cornell_box.xml" }}]
+scenes = [{{ name = "cornell", file = "cornell_box" }}]
 cameras = [{{ camera = "{SPLIT}" }}]
 grid.exposure_s = [0.002, 0.05]
 """
 
 
-def plan_of(**changes: Any) -> DatasetPlan:
-    tables = {**tomllib.loads(TEXT), **changes}
-    return DatasetPlan(read_dataset(tables), [SCENES], text=f"{TEXT}# {changes!r}\n")
+def written(folder: Path, text: str = TEXT) -> Path:
+    (folder / "hdr.toml").write_text(text, "utf-8")
+    return folder / "hdr.toml"
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> ms.Dataset:
-    folder = tmp_path_factory.mktemp("readouts") / "out"
-    assert not run(plan_of(), folder, workers=0).failed
-    return ms.Dataset(folder)
+    folder = tmp_path_factory.mktemp("readouts")
+    assert not make_dataset(written(folder), folder / "out", workers=0).failed
+    return ms.Dataset(folder / "out")
 
 
-def test_a_sample_has_its_readouts_and_what_they_are_combined_to(dataset: ms.Dataset) -> None:
+def test_a_sample_has_its_readouts_and_what_they_are_combined_to(
+    dataset: ms.Dataset, tmp_path: Path
+) -> None:
     camera = ms.load_camera(SPLIT)
     for sample in dataset:
         readouts = sample.readouts
@@ -60,6 +56,10 @@ def test_a_sample_has_its_readouts_and_what_they_are_combined_to(dataset: ms.Dat
         assert sorted(sample.noise_budget["readouts"]) == sorted(camera.readout_cameras)
         named = [one["name"] for one in sample.facts["readouts"]]
         assert named == list(camera.readout_cameras)
+        (tmp_path / "frame.dng").write_bytes(sample.files["frame.dng"])
+        with tifffile.TiffFile(tmp_path / "frame.dng") as opened:
+            pages = [page for page in opened.series if page.dtype == np.uint16]
+            np.testing.assert_array_equal(pages[0].asarray(), sample.read("companded")[0])
         noise = sample.read("raw")[0] - sample.read("clean")
         assert abs(noise.mean()) < 0.1 * noise.std()
 
@@ -82,48 +82,35 @@ def test_the_card_has_the_noise_of_each_readout(dataset: ms.Dataset) -> None:
             figures.temporal_dark_noise_e,
             figures.saturation_e,
         )
-        assert found.pop(f"{SPLIT}, read-out {name}") == [f"{one:.5g}" for one in expected]
+        assert found.pop(f"{SPLIT}, readout {name}") == [f"{one:.5g}" for one in expected]
     assert [row[1:] for row in found.values()] == [["–", "–"]]
 
 
-def test_a_dng_of_a_sample_has_the_companded_codes(dataset: ms.Dataset) -> None:
-    for sample in dataset:
-        with tifffile.TiffFile(sample.folder / "frame.dng") as opened:
-            pages = [page for page in opened.series if page.dtype == np.uint16]
-            codes = pages[0].asarray()
-        np.testing.assert_array_equal(codes, sample.read("companded")[0])
+@pytest.mark.parametrize(
+    ("output", "said"), [("readouts", "reads each pixel once"), ("companded", "knees")]
+)
+def test_what_no_camera_has_is_refused_before_anything_is_rendered(
+    tmp_path: Path, output: str, said: str
+) -> None:
+    text = TEXT.replace(SPLIT, "bayer_2mp")
+    outputs = f'outputs = ["raw", "{output}"]'
+    text = text.replace(next(x for x in text.splitlines() if x.startswith("outputs")), outputs)
+    with pytest.raises(ms.InputError, match=said):
+        make_dataset(written(tmp_path, text), tmp_path / "out", workers=0)
 
 
-def test_shards_have_linear_and_companded_codes(dataset: ms.Dataset, tmp_path: Path) -> None:
-    arrays = ["raw", "companded"]
-    exported = export(dataset.folder, "webdataset", tmp_path / "shards", arrays=arrays)
-    assert exported == (2, [])
-    (shard,) = (tmp_path / "shards").glob("*.tar")
-    with tarfile.open(shard) as tar:
-        names = sorted(name.partition(".")[2] for name in tar.getnames())
-    assert names == sorted(["raw.npy", "companded.npy", "json", "png"] * 2)
-    with pytest.raises(ms.InputError, match=r"sample\.readouts"):
-        dataset[0].read("readouts")
-
-
-def test_what_no_camera_has_is_refused_before_anything_is_rendered() -> None:
-    for output, said in (("readouts", "reads each pixel once"), ("companded", "knees")):
-        with pytest.raises(ms.InputError, match=said):
-            plan_of(cameras=[{"camera": "bayer_2mp"}], outputs=["raw", output])
-
-
-def test_staggered_cameras_of_a_moving_scene_have_a_render_of_their_own() -> None:
-    readouts = [
-        {"name": "long"},
-        {"name": "short", "of": "exposure", "exposure_ratio": 0.1},
-    ]
-    cameras = [
-        {"camera": "sony_imx174", "name": "plain"},
-        {"camera": "sony_imx174", "name": "staggered", "set": {"readouts": readouts}},
-    ]
-    motion = {"camera": {"velocity_m_per_s": [0.1, 0, 0]}}
-    scene = {"name": "cornell", "file": "cornell_box.xml", "motion": motion}
-    still = plan_of(cameras=cameras, outputs=["raw"])
-    moving = plan_of(cameras=cameras, outputs=["raw"], scenes=[scene])
-    assert len(list(still.views())) == 1
-    assert len(list(moving.views())) == 4
+def test_staggered_cameras_of_a_moving_scene_have_a_render_of_their_own(tmp_path: Path) -> None:
+    cameras = """cameras = [
+    { camera = "sony_imx174", name = "plain" },
+    { camera = "sony_imx174", name = "staggered", set = { readouts = [
+        { name = "long" }, { name = "short", of = "exposure", exposure_ratio = 0.1 } ] } },
+]"""
+    still = TEXT.replace(f'cameras = [{{ camera = "{SPLIT}" }}]', cameras)
+    still = still.replace(
+        next(x for x in TEXT.splitlines() if x[:7] == "outputs"), 'outputs = ["raw"]'
+    )
+    moves = '"cornell_box", motion = { camera = { velocity_m_per_s = [0.1, 0, 0] } }'
+    moving = still.replace('"cornell_box"', moves)
+    for text, lights in ((still, 1), (moving, 4)):
+        plan = load_plan(written(tmp_path, text))
+        assert len({task.light_key for task in plan.tasks()}) == lights

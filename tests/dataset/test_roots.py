@@ -1,4 +1,4 @@
-"""What a dataset file may read: nothing outside of its folder and the roots, by any file that it or they name."""
+"""What a dataset file may read: whatever it names; where somebody else wrote it, nothing outside of some folders."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from helpers.scenes import SKY, scene_text
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.shipped import SHIPPED
-from mitsuba_sensor.dataset.plan.planned import load_plan
+from mitsuba_sensor.dataset.plan import load_plan
 
 FILE = """name = "test"
 seed = 1
@@ -29,12 +29,17 @@ SECRET = '<shape type="ply"><string name="filename" value="{}"/></shape>'
 
 
 def planned(
-    folder: Path, *roots: Path, scene: str = "", camera: str = "konnik_table1", more: str = ""
+    folder: Path,
+    *roots: Path,
+    scene: str = "",
+    camera: str = "konnik_table1",
+    more: str = "",
+    untrusted: bool = True,
 ) -> int:
     (folder / "dataset.toml").write_text(
         FILE.format(scene=scene, camera=camera, more=more), "utf-8"
     )
-    return len(list(load_plan(folder / "dataset.toml", roots).views()))
+    return len(list(load_plan(folder / "dataset.toml", roots, untrusted).tasks()))
 
 
 @pytest.fixture
@@ -51,6 +56,7 @@ def test_a_mesh_of_a_scene_is_below_the_roots(folder: Path) -> None:
     (folder / "scene.xml").write_text(scene_text(SKY, SECRET.format("../out/qe.csv")))
     with pytest.raises(ms.InputError, match=r"outside of the folders.*--root"):
         planned(folder)
+    assert planned(folder, untrusted=False) == 1
     assert planned(folder, folder.parent / "out") == 1
 
 
@@ -59,8 +65,10 @@ def test_the_value_of_a_parameter_that_varies_is_below_the_roots(folder: Path) -
         scene_text('<default name="mesh" value="scene.xml"/>', SKY, SECRET.format("$mesh"))
     )
     assert planned(folder) == 1
+    elsewhere = 'parameters = {mesh = "../out/qe.csv"}'
     with pytest.raises(ms.InputError, match="outside of the folders"):
-        planned(folder, scene='parameters = {mesh = "../out/qe.csv"}')
+        planned(folder, scene=elsewhere)
+    assert planned(folder, scene=elsewhere, untrusted=False) == 1
 
 
 @pytest.mark.parametrize("how", ["in the camera file", "by name", "as a table"])
@@ -77,6 +85,25 @@ def test_the_curves_of_a_camera_are_below_the_roots(how: str, folder: Path) -> N
         more = f'set = {{{key} = "../out/qe.csv"}}'
     with pytest.raises(ms.InputError, match="--root"):
         planned(folder, camera=camera, more=more)
+    if how != "in the camera file":  # which has curves of its own, too
+        assert planned(folder, camera=camera, more=more, untrusted=False) == 1
+
+
+@pytest.mark.parametrize("how", ["..", "absolute", "link"])
+def test_a_scene_elsewhere_is_read_where_the_file_is_trusted(how: str, folder: Path) -> None:
+    """And has the same keys wherever the folders are."""
+    place = folder / "scene.xml"
+    place.rename(folder.parent / "out" / "other.xml")
+    name = {"..": "../out/other.xml", "absolute": f"{folder.parent}/out/other.xml"}.get(
+        how, "a.xml"
+    )
+    (folder / "a.xml").symlink_to(folder.parent / "out" / "other.xml")
+    text = FILE.format(scene="", camera="konnik_table1", more="").replace("scene.xml", name)
+    (folder / "dataset.toml").write_text(text, "utf-8")
+    (task,) = load_plan(folder / "dataset.toml").tasks()
+    assert task.samples
+    with pytest.raises(ms.InputError, match="--root"):
+        [*load_plan(folder / "dataset.toml", untrusted=True).tasks()]
 
 
 def test_a_missing_file_is_told_with_each_folder_once_by_its_whole_path(

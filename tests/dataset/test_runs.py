@@ -1,272 +1,326 @@
-"""Whoever makes a dataset, it has the same bytes; what cannot be made is put aside, and the rest is made."""
+"""What a run promises, however it ends: what is done stays, and the same command makes the rest with the same bytes."""
 
 from __future__ import annotations
 
-import hashlib
+import json
 import multiprocessing
 import os
+import random
 import signal
-import socket
 import subprocess
 import sys
-from contextlib import suppress
+import time
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import psutil
 import pytest
-from helpers.clusters import cluster
-from helpers.datasets import SCENES
-from helpers.makers import listening, make_large, make_slowly, make_text
-from helpers.waiting import wait_until
+from helpers.datasets import (
+    LIGHTS,
+    contents,
+    make_badly,
+    no_renders,
+    plan_of,
+    toml_text,
+)
+from helpers.marks import exhaustive
 
-from mitsuba_sensor import InputError
+import mitsuba_sensor as ms
+from mitsuba_sensor.core import DiskFull, InputError
 from mitsuba_sensor.core.options import complete
+from mitsuba_sensor.dataset import make_dataset
+from mitsuba_sensor.dataset import run as run_module
+from mitsuba_sensor.dataset.engine import Job, outcomes
 from mitsuba_sensor.dataset.options import RunOptions
-from mitsuba_sensor.dataset.plan.file import read_dataset
-from mitsuba_sensor.dataset.plan.planned import DatasetPlan, load_plan
-from mitsuba_sensor.dataset.run import engine, task
-from mitsuba_sensor.dataset.run.engine import outcomes
-from mitsuba_sensor.dataset.run.run import run
-from mitsuba_sensor.dataset.store import keys
-from mitsuba_sensor.dataset.store.store import Store
+from mitsuba_sensor.dataset.run import read_failures, run
+from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.files import durable
 
-FLAT = (SCENES / "flat_field.xml").read_text(encoding="utf-8")
-FILE = """
-name = "four"
-render = { width = 16, spp = 16 }
-outputs = ["raw", "clean"]
-scenes = [{ name = "flat", file = "flat.xml" }]
-cameras = [{ camera = "konnik_table1" }]
-grid = { exposure_s = [0.01, 0.1], serial = [1, 2] }
-random = { draws = 2, values = { "parameters.radiance" = { log_uniform = [1e-5, 1e-3] } } }
-"""
+__all__ = ["no_renders"]
+Cli = Callable[..., Any]
+Run = Callable[..., Any]
 
 
 @pytest.fixture
-def plan(tmp_path: Path) -> DatasetPlan:
-    (tmp_path / "flat.xml").write_text(FLAT)
-    (tmp_path / "four.toml").write_text(FILE)
-    return load_plan(tmp_path / "four.toml")
+def made(no_renders: pytest.MonkeyPatch, tmp_path: Path) -> Run:
+    """A run of the dataset of 40 lights."""
 
-
-def contents(folder: Path) -> dict[str, str]:
-    """Every file of the samples, and the index."""
-    paths = [
-        *(path for path in (folder / "samples").rglob("*") if path.is_file()),
-        *(folder / "index").iterdir(),
-    ]
-    return {
-        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in paths
-    }
-
-
-@pytest.mark.exhaustive
-def test_processes_shards_and_a_cluster_make_the_same_bytes(
-    plan: DatasetPlan, tmp_path: Path
-) -> None:
-    """Two processes; three shards, the last one twice; a Dask scheduler over a socket, as dask-jobqueue starts one."""
-    import distributed
-    import mitsuba
-
-    mitsuba.set_variant("scalar_spectral")  # what is set in this process changes nothing
-    run(plan, tmp_path / "alone", workers=0)
-    expected = contents(tmp_path / "alone")
-    assert len(expected) == 8 * 4 + 1
-    assert run(plan, tmp_path / "two", workers=2).made == 8
-    assert sum(run(plan, tmp_path / "shards", shard=(k, 3)).made for k in (3, 1, 2, 2)) == 8
-    with distributed.LocalCluster(
-        1,
-        processes=False,  # a worker in a process of its own is in the exhaustive tests
-        threads_per_worker=1,
-        protocol="tcp",
-        dashboard_address="127.0.0.1:0",
-        host="127.0.0.1",
-    ) as cluster:
-        run(plan, tmp_path / "socket", scheduler=cluster.scheduler_address)
-    for folder in ("two", "shards", "socket"):
-        assert contents(tmp_path / folder) == expected
-
-
-class Deadly:
-    """A view that ends the process that it comes to."""
-
-    first = 0
-
-    @property
-    def task_key(self) -> str:
-        if multiprocessing.parent_process() is not None:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return "0" * 24
-
-
-def test_a_view_that_ends_its_process_is_put_aside_and_the_rest_is_made(
-    plan: DatasetPlan, tmp_path: Path
-) -> None:
-    """The first view aborts, as a renderer does that fails an assertion."""
-    views = list(plan.views())
-    bad = views[0].key
-    make = partial(make_text, dies=bad)
-    asked = complete(RunOptions, {"workers": 1})
-    found = {
-        one.view: one
-        for one in outcomes(Store(tmp_path), iter(views), asked, lambda what, done: None, make)
-    }
-    assert "died 3 times (Fatal Python error: Aborted)" in found.pop(bad).failed
-    assert len(found) == len(views) - 1 and all(
-        one.samples == 4 and not one.failed for one in found.values()
-    )
-    assert set(Store(tmp_path).quarantined()) == {bad}
-
-
-@pytest.mark.exhaustive
-def test_processes_that_die_before_they_begin_end_the_run(
-    plan: DatasetPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """No view is to blame, so none is put into quarantine."""
-    log = (
-        tmp_path / "quarantine" / f"{'0' * 24}.log"
-    )  # of an earlier run, in which a process did begin, and died
-    log.parent.mkdir()
-    log.write_text(f"# begun by {socket.gethostname()} 1 0\n\n# died\n")
-    monkeypatch.setattr(engine, "MOST_EARLY_DEATHS", 2)
-    asked = complete(RunOptions, {"workers": 1})
-    views: Any = iter([Deadly()])
-    with pytest.raises(
-        InputError, match="2 processes in a row have died before they began a view"
-    ):
-        list(outcomes(Store(tmp_path), views, asked, lambda what, done: None))
-    assert not Store(tmp_path).quarantined()
-
-
-@pytest.mark.exhaustive
-def test_no_process_of_a_run_listens_to_anybody(plan: DatasetPlan, tmp_path: Path) -> None:
-    """Whoever else works on this machine could send it commands."""
-    views = list(plan.views())
-    asked = complete(RunOptions, {"workers": 2})
-    told = list[str]()
-    found = list(
-        outcomes(Store(tmp_path), views, asked, lambda what, done: told.append(what), make_text)
-    )
-    assert [one.samples for one in found] == [4, 4] and told.count("sample") == 8
-    assert {path.read_text() for path in tmp_path.rglob("a.txt")} == {"[]"}
-    with socket.create_server(("127.0.0.1", 0)):
-        assert len(listening()) == 1, "it would be seen"
-
-
-def test_a_process_that_takes_too_much_memory_is_ended(
-    plan: DatasetPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(task, "MOST_TRIES", 1)
-    view = next(iter(plan.views()))
-    asked = complete(RunOptions, {"workers": 1, "memory_gb": 0.5})
-    (found,) = outcomes(Store(tmp_path), [view], asked, lambda what, done: None, make_large)
-    assert "died 1 times" in found.failed and "too little memory" in found.failed
-
-
-@pytest.mark.exhaustive
-def test_workers_of_a_cluster_have_the_versions_of_the_run_and_it_goes_on_where_the_scheduler_dies(
-    plan: DatasetPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Killed after the first sample; the worker of the cluster, which sees the same folder, makes what it has begun."""
-    (tmp_path / "out").mkdir()
-    remarks = list[str]()
-    with cluster(tmp_path) as dask:
-        dask.begin_worker()
-        address = dask.address
-        (tmp_path / "out" / "scheduler").write_text(str(dask.processes[0].pid))
-        asked = complete(RunOptions, {"workers": 0, "scheduler": address})
-        views = list(plan.views())
-        store = Store(tmp_path / "out")
-        with (
-            monkeypatch.context() as other,
-            pytest.raises(
-                InputError, match=r"and this run has 9\.9\.9; give them the same version"
-            ),
-        ):
-            other.setattr(keys, "__version__", "9.9.9")
-            list(outcomes(store, views, asked, lambda what, done: None, make_slowly))
-        list(
-            outcomes(store, views, asked, lambda what, done: None, make_slowly, remarks.append)
+    def make(out: str = "out", grid: Mapping[str, Any] = LIGHTS, **options: Any) -> Path:
+        tables = options.pop("tables", {})
+        run(
+            plan_of(grid=grid, **tables),
+            tmp_path / out,
+            **{"workers": 0, "progress": False, **options},
         )
-    assert remarks == [
-        f"the Dask scheduler at {address} was gone; this machine alone has made the rest."
-    ]
-    assert all(store.exists(sample.entry) for view in views for sample in view.samples)
+        return tmp_path / out
+
+    return make
 
 
-@pytest.mark.exhaustive
-def test_a_limit_of_time_ends_a_render(plan: DatasetPlan, tmp_path: Path) -> None:
-    tables: dict[str, Any] = {
-        **plan.file.model_dump(exclude_none=True),
-        "render": {"spp": 2**20, "width": 16},
-    }
-    tables["random"] = {
-        "draws": 1,
-        "values": {"parameters.radiance": {"uniform": [1e-4, 1e-3]}},
-    }
-    endless = DatasetPlan(read_dataset(tables), plan.roots)
-    found = run(endless, tmp_path / "out", workers=1, timeout_s=1)
-    assert found.made == 0 and "Timeout" in found.failed[0].failed
+def fork(work: Callable[[], object]) -> Any:
+    """A process that does it."""
+    process = multiprocessing.get_context("fork").Process(target=work)
+    process.start()
+    return process
 
 
-def test_a_dataset_with_equal_samples_is_refused_before_anything_is_made(
-    plan: DatasetPlan, tmp_path: Path
+KILLS = signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP
+
+
+@pytest.mark.parametrize("kills", [20, exhaustive(200)])
+def test_a_run_that_is_killed_again_and_again_has_the_bytes_of_an_undisturbed_one(
+    kills: int, made: Run, tmp_path: Path
 ) -> None:
-    tables = {**plan.file.model_dump(exclude_none=True), "list": [{"temperature_k": 290}] * 2}
-    twice = DatasetPlan(read_dataset(tables), plan.roots)
-    with pytest.raises(InputError, match="are the same"):
-        run(twice, tmp_path / "out", workers=0)
-    assert not (tmp_path / "out").exists()
+    """One run, two at once, or two parts."""
+    undisturbed, chance = contents(made("undisturbed")), random.Random(4)
+    for number in range(kills):
+        chosen = chance.choice([[{}], [{}, {}], [{"shard": (1, 2)}, {"shard": (2, 2)}]])
+        runs = [fork(partial(made, "killed", **options)) for options in chosen]
+        time.sleep(chance.uniform(0, 0.3))
+        for one in runs:
+            os.kill(one.pid, KILLS[number % len(KILLS)])
+        for one in runs:
+            one.join()
+        there = Store(tmp_path / "killed").finished()
+        assert all(map(Store(tmp_path / "killed").is_sound, there.values()))
+        if number % 4 == 3:
+            for path in (tmp_path / "killed" / "shards").glob("*.tar"):
+                path.unlink()
+    killed = contents(made("killed"))
+    assert {n: x for n, x in killed.items() if durable.SCRATCH not in n} == undisturbed
 
 
-def test_a_view_is_not_to_blame_where_the_program_that_asked_for_it_is_killed(
-    plan: DatasetPlan, tmp_path: Path
+def test_the_order_of_workers_parts_and_values_changes_no_byte(
+    made: Run, no_renders: pytest.MonkeyPatch
 ) -> None:
-    """Its worker tells of samples that nobody hears of, and ends."""
-    code = f"""
+    one = contents(made("one"))
+    for part in (3, 1, 2):
+        made("parts", shard=(part, 3))
+    assert contents(made("parts")) == one
+    turned = {name: [*reversed(values)] for name, values in LIGHTS.items()}
+    shards = {name[:31] for name in one if name.startswith("shards/")}
+    others = {name[:31] for name in contents(made("turned", turned)) if name[:7] == "shards/"}
+    assert others == shards, "the keys of tasks"
+
+
+def test_two_processes_make_the_same_bytes_as_this_one(made: Run) -> None:
+    assert contents(made("two", workers=2)) == contents(made("none"))
+
+
+def test_exposures_in_another_order_change_no_byte_of_a_sample(tmp_path: Path) -> None:
+    """Rendered and exposed, with all that is said of a sample."""
+    found = []
+    for order in ([0.01, 0.05], [0.05, 0.01]):
+        tables: dict[str, Any] = {"outputs": ["raw", "clean", "electrons", "variance"]}
+        plan = plan_of(grid={"exposure_s": order}, render={"width": 8, "spp": 4}, **tables)
+        run(plan, tmp_path / str(order), workers=0, progress=False)
+        samples = ms.Dataset(tmp_path / str(order))
+        found.append({x.key: {name: x.files[name] for name in x.files} for x in samples})
+    assert found[0] == found[1] and len(found[0]) == 2
+
+
+def test_a_dataset_grows_and_nothing_else_of_it_changes(made: Run) -> None:
+    """More values, draws, scenes and cameras; what is no longer of it is put aside, not removed."""
+    few = {name: values[:1] for name, values in LIGHTS.items()}
+    out = made(grid=few)
+    (old,) = Store(out).finished()
+    more = {**few, "parameters.radiance": LIGHTS["parameters.radiance"][:3]}
+    assert old in Store(made(grid=more)).finished() and not (out / "earlier").exists()
+    assert len(ms.Dataset(made(grid=LIGHTS))) == 80
+    assert [path.name[:24] for path in (out / "earlier").iterdir()].count(old) == 1
+
+
+@pytest.mark.parametrize(
+    ("tables", "named"),
+    [
+        ({"seed": 2}, "seed"),
+        ({"render": {"spp": 8}}, r"\[render\]"),
+        ({"outputs": ["raw"]}, "outputs"),
+        ({"grid": {"exposure_s": [0.1]}}, "grid"),
+        ({"cameras": [{"camera": "bayer_2mp"}]}, "cameras"),
+        ({"splits": {"shares": {"all": 1.0}}}, r"\[splits\]"),
+    ],
+)
+def test_another_dataset_in_a_folder_is_refused_and_what_differs_is_named(
+    tables: dict[str, Any], named: str, made: Run
+) -> None:
+    before = contents(made())
+    with pytest.raises(InputError, match=f"another dataset file: {named} differ"):
+        made(**({"grid": tables["grid"]} if "grid" in tables else {"tables": tables}))
+    assert contents(made()) == before
+
+
+def test_a_scene_that_was_changed_since_is_named(
+    no_renders: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    scene = plan_of().lights.places[0].read_text("utf-8")
+    (tmp_path / "flat.xml").write_text(scene)
+    tables = {"scenes": [{"name": "flat", "file": "flat.xml"}]}
+    run(plan_of(tmp_path, **tables), tmp_path / "out", workers=0, progress=False)
+    (tmp_path / "flat.xml").write_text(scene.replace("<scene", "<!-- mine --><scene", 1))
+    with pytest.raises(InputError, match=r"made from another flat\.xml"):
+        run(plan_of(tmp_path, **tables), tmp_path / "out", workers=0, progress=False)
+
+
+RADIANCES = [1e-4 * k for k in (1, 2, 3, 4, 5, 6, 7)]
+
+
+def test_a_task_that_raises_dies_takes_too_long_or_too_much_costs_that_task_alone(
+    tmp_path: Path,
+) -> None:
+    """1 and 7 are made, 2 raises, 3 always dies, 4 dies once, 5 takes too long, 6 too much memory."""
+    plan = plan_of(grid={"parameters.radiance": RADIANCES})
+    options = complete(RunOptions, {"workers": 2, "timeout_s": 8.0})
+    job = Job(str(tmp_path), plan.record(7), 1.2, make=make_badly)
+    found = {
+        round(1e4 * float(x.task.config["parameters"]["radiance"])): x
+        for x in outcomes(plan.tasks(), job, options)
+    }
+    assert [k for k in sorted(found) if not found[k].failed] == [1, 4, 7]
+    assert found[2].failed == "ValueError: a bug" and "make_badly" in found[2].log
+    assert found[3].failed == "its process died 3 times (the renderer is on fire)"
+    assert "took longer than --timeout-s" in found[5].failed
+    assert "GB of memory" in found[6].failed
+    made = {shard.task for shard in Store(tmp_path).finished().values()}
+    assert made == {found[k].task.key for k in (1, 4, 7)}
+    assert not [path for path in tmp_path.rglob(f"{durable.SCRATCH}*") if path.suffix == ".log"]
+
+
+def test_what_could_not_be_made_is_noted_and_tried_again_when_asked(
+    made: Run, no_renders: pytest.MonkeyPatch, cli: Cli
+) -> None:
+    good = run_module.Job
+    no_renders.setattr(run_module, "Job", lambda *given: Job(*given, make=make_badly))
+    few = {"parameters.radiance": RADIANCES[:2]}
+    out = made(grid=few)
+    (failure,) = read_failures(Store(out)).values()
+    assert failure.why == "ValueError: a bug" and failure.samples == 1
+    done = cli("dataset", "status", out)
+    assert "1 of 2 samples" in done.stdout and "a bug" in done.stdout
+    no_renders.setattr(run_module, "Job", good)
+    assert len(ms.Dataset(made(grid=few))) == 1, "it is not tried again"
+    assert len(ms.Dataset(made(grid=few, retry=True))) == 2
+    assert not (out / "failed.jsonl").exists()
+
+
+def test_a_full_disk_ends_a_run_and_what_is_there_stays(
+    made: Run, no_renders: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    calls, sync = [0], os.fsync
+
+    def full(file: int) -> None:
+        calls[0] += 1
+        if calls[0] > 20:
+            raise OSError(28, "No space left on device")
+        sync(file)
+
+    no_renders.setattr(os, "fsync", full)
+    with pytest.raises(DiskFull, match="No space left"):
+        made()
+    no_renders.setattr(os, "fsync", sync)
+    there = Store(tmp_path / "out").finished()
+    assert 3 < len(there) < 40
+    assert contents(made()) == contents(made("other"))
+
+
+def test_a_complete_dataset_is_not_written_again(made: Run) -> None:
+    out = made()
+    times = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
+    made()
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == times
+
+
+STOPPED = """
 import sys
-sys.path[:] = {sys.path!r}
+from mitsuba_sensor.stopping import begin_command, stop_at_signals
+stop_at_signals()
+begin_command()
+from functools import partial
 from pathlib import Path
-from helpers.makers import make_and_kill
-from mitsuba_sensor.core.options import complete
-from mitsuba_sensor.dataset.run.engine import outcomes
-from mitsuba_sensor.dataset.options import RunOptions
-from mitsuba_sensor.dataset.plan.planned import load_plan
-from mitsuba_sensor.dataset.store.store import Store
-asked = complete(RunOptions, {{"workers": 1}})
-views = load_plan({str(tmp_path / "four.toml")!r}).views()
-list(outcomes(Store(Path({str(tmp_path / "out")!r})), views, asked, lambda what, done: None, make_and_kill))
+from helpers import datasets
+from mitsuba_sensor.dataset import overview, run
+from mitsuba_sensor.dataset.engine import Job
+run.Job = lambda *given: Job(*given, make=datasets.make_slowly)
+run.check_scenes = lambda plan: None
+overview.write_overview = lambda *given: overview.CardNotes()
+run.run(datasets.plan_of(grid=datasets.LIGHTS), Path(sys.argv[1]), workers=int(sys.argv[2]), progress=False)
 """
-    done = subprocess.run([sys.executable, "-c", code])
-    assert done.returncode == -signal.SIGKILL
-    worker, store = int((tmp_path / "worker").read_text()), Store(tmp_path / "out")
-    try:
-        wait_until(lambda: not lives(worker) or bool(store.quarantined()))
-        assert not lives(worker) and not store.quarantined()
-    finally:
-        with suppress(ProcessLookupError):
-            os.kill(worker, signal.SIGKILL)
 
 
-def lives(pid: int) -> bool:
-    """Whether a process runs, which nobody may have waited for."""
-    with suppress(psutil.NoSuchProcess):
-        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
-    return False
+@pytest.mark.parametrize("workers", [0, 2])
+def test_ctrl_c_says_how_many_samples_are_complete_of_all_runs(
+    workers: int, tmp_path: Path
+) -> None:
+    """In a terminal it goes to the workers too."""
+    variables = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    counts = []
+    for _ in range(2):
+        before = len(Store(tmp_path).finished())
+        process = subprocess.Popen(
+            [sys.executable, "-c", STOPPED, str(tmp_path), str(workers)],
+            env=variables,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        while len(Store(tmp_path).finished()) < before + 3 and process.poll() is None:
+            time.sleep(0.02)
+        os.killpg(process.pid, signal.SIGINT)
+        _, said = process.communicate(timeout=60)
+        assert process.returncode == 130
+        counts.append(int(said.split("stopped; ")[1].split()[0]))
+        time.sleep(0.5)
+        assert counts[-1] == 2 * len(Store(tmp_path).finished()), said
+        assert said.strip().endswith("the same command goes on from there"), said
+    assert counts[1] > counts[0]
+    assert not [*tmp_path.rglob(f"{durable.SCRATCH}*")], "what was unfinished is undone"
 
 
-def test_a_folder_holds_one_dataset(plan: DatasetPlan, tmp_path: Path) -> None:
-    run(plan, tmp_path / "out", workers=0, shard=(1, 4))
-    other = DatasetPlan(
-        read_dataset({**plan.file.model_dump(exclude_none=True), "name": "other"}), plan.roots
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"shard": "3/2"}, "give i/n with i from 1 to n"),
+        ({"workers": 0, "timeout_s": 5.0}, "workers is 0"),
+        ({"scheduler": "tcp://127.0.0.1:1", "memory_gb": 5.0}, "--memory-limit"),
+    ],
+)
+def test_options_that_contradict_are_refused(
+    options: dict[str, Any], said: str, made: Run
+) -> None:
+    with pytest.raises(InputError, match=said):
+        made(**{"workers": None, **options})
+
+
+@pytest.mark.parametrize("out", ["", "s3://bucket/pairs"])
+def test_no_folder_is_no_current_folder(out: str, no_renders: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match="-o is"):
+        run(plan_of(grid=LIGHTS), out, workers=0, progress=False)
+
+
+def test_the_command_makes_shows_and_verifies_a_dataset(tmp_path: Path, cli: Cli) -> None:
+    file = tmp_path / "small.toml"
+    tables = {
+        "name": "small",
+        "render": {"width": 8, "spp": 4},
+        "scenes": [{"name": "flat", "file": "flat_field"}],
+    }
+    file.write_text(toml_text({**tables, "cameras": [{"camera": "konnik_table1"}]}))
+    planned = cli("dataset", "plan", file, "--json")
+    assert planned.exit_code == 0 and json.loads(planned.stdout)["forecast"]["seconds"] > 0
+    done = cli("dataset", "run", file, "-o", tmp_path / "out", "--workers", "0")
+    assert done.exit_code == 0 and "1 samples made" in done.stdout
+    again = cli("dataset", "run", file, "-o", tmp_path / "out", "--workers", "0")
+    assert "0 samples made, 1 were there already" in again.stdout
+    status = json.loads(cli("dataset", "status", tmp_path / "out", "--json").stdout)
+    assert status["there"] == status["samples"] == 1 and not status["failed"]
+    assert (
+        "every file is as it was written" in cli("dataset", "verify", tmp_path / "out").stdout
     )
-    with pytest.raises(InputError, match="holds the dataset 'four'"):
-        run(other, tmp_path / "out", workers=0)
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine/notes.txt").write_text("keep")
-    with pytest.raises(InputError, match="no dataset"):
-        run(plan, tmp_path / "mine", workers=0)
-    assert [path.name for path in (tmp_path / "mine").iterdir()] == ["notes.txt"]
+    (shard,) = (tmp_path / "out" / "shards").iterdir()
+    content = bytearray(shard.read_bytes())
+    content[5000] ^= 1
+    shard.write_bytes(content)
+    assert cli("dataset", "verify", tmp_path / "out", "--remove").exit_code == 1
+    assert make_dataset(file, tmp_path / "out", workers=0, progress=False).made == 1
+    assert cli("dataset", "verify", tmp_path / "out").exit_code == 0

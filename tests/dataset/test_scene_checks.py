@@ -8,12 +8,11 @@ from typing import Any
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.dataset.plan.file import read_dataset
-from mitsuba_sensor.dataset.plan.planned import DatasetPlan
-from mitsuba_sensor.dataset.read.reader import NO_ARRAYS, Sample
-from mitsuba_sensor.dataset.run.forecast import counts_of
-from mitsuba_sensor.dataset.run.run import run
-from mitsuba_sensor.dataset.store.entry_files import FolderFiles
+from mitsuba_sensor.dataset.cameras import Folders
+from mitsuba_sensor.dataset.checks import check_scenes, checked_counts
+from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.plan import DatasetPlan
+from mitsuba_sensor.dataset.run import run
 
 FILE: dict[str, Any] = {
     "name": "checked",
@@ -42,22 +41,18 @@ NEVER = {
 
 
 def plan_of(changes: dict[str, Any]) -> DatasetPlan:
-    return DatasetPlan(read_dataset(FILE | changes), [Path()])
+    return DatasetPlan(read_dataset(FILE | changes), Folders([Path()]))
 
 
 @pytest.mark.parametrize("name", NEVER)
 def test_what_can_never_be_made_is_refused_by_plan_and_run(name: str, tmp_path: Path) -> None:
-    """A run had put every sample into quarantine."""
     changes, sentence = NEVER[name]
     with pytest.raises(ms.InputError, match=sentence):
-        counts_of(plan_of(changes))
+        checked_counts(plan_of(changes))
+        check_scenes(plan_of(changes))
     with pytest.raises(ms.InputError, match=sentence):
         run(plan_of(changes), tmp_path / "out", progress=False)
     assert not (tmp_path / "out").exists()
-
-
-def test_what_can_be_made_is_counted() -> None:
-    assert counts_of(plan_of({"grid": {"parameters.max_depth": [2, 3]}})).samples == 2
 
 
 @pytest.mark.parametrize(
@@ -74,13 +69,3 @@ def test_what_can_be_made_is_counted() -> None:
 def test_the_render_table_says_why_it_has_no_such_field(name: str, why: str) -> None:
     with pytest.raises(ms.InputError, match=rf"\[render\] has '{name}', which {why}"):
         read_dataset(FILE | {"render": {name: 3}})
-
-
-def test_every_output_is_read_or_says_what_has_it(tmp_path: Path) -> None:
-    (tmp_path / "noise_budget.json").write_text('{"sources": [{"source": "shot noise"}]}')
-    sample = Sample("k", "", {}, FolderFiles(tmp_path), FolderFiles(tmp_path))
-    assert sample.noise_budget == {"sources": [{"source": "shot noise"}]}
-    for name, where in NO_ARRAYS.items():
-        with pytest.raises(ms.InputError) as raised:
-            sample.read(name)
-        assert str(raised.value) == f"{name} of a sample is no array; {where} has it."

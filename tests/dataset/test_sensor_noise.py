@@ -162,19 +162,13 @@ def test_chips_gains_and_brightness_are_drawn_from_their_ranges() -> None:
     assert min(sum(one.gain == gain for one in draws) for gain in (100, 1600)) > 600
 
 
-def test_a_tensor_comes_back_as_a_tensor() -> None:
-    noise = ms.SensorNoise(MONO, values="electrons")
-    found = noise(Tensor(GREY))
-    assert isinstance(found.image, Tensor) and isinstance(found.variance_dn2, Tensor)
-    np.testing.assert_array_equal(found.image.array, noise(GREY).image)
-
-
-@pytest.mark.parametrize("kind", [np.uint8, np.int64, np.float16])
-def test_numbers_of_a_tensor_are_not_those_of_its_own_few_bits(kind: type) -> None:
+@pytest.mark.parametrize("kind", [np.uint8, np.int64, np.float16, np.float32])
+def test_a_tensor_comes_back_as_a_tensor_of_more_than_its_own_few_bits(kind: type) -> None:
     """Codes of 12 bits do not fit into 8, nor above 2048 into a float of 16."""
     image = (GREY * 2.5).astype(kind)
     noise = ms.SensorNoise(MONO, values="electrons")
     found, expected = noise(Tensor(image)), noise(image)
+    assert isinstance(found.image, Tensor) and isinstance(found.variance_dn2, Tensor)
     np.testing.assert_array_equal(found.image.array, expected.image)
     np.testing.assert_array_equal(
         found.variance_dn2.array, expected.variance_dn2.astype(np.float32)
@@ -201,63 +195,37 @@ def test_threads_that_share_a_transform_get_the_frames_of_one() -> None:
     np.testing.assert_array_equal(found, expected)
 
 
-def test_an_image_may_be_larger_than_the_sensor() -> None:
-    small = MONO.replace(**{"sensor.rows": 8, "sensor.columns": 8})
-    assert ms.SensorNoise(small, values="electrons")(GREY).image.shape == GREY.shape
+WHITE: dict[str, Any] = {"white_e": 9.0}
+SRGB: dict[str, Any] = {"values": "srgb", "white_e": 9.0}
 
 
 @pytest.mark.parametrize(
     ("options", "image", "said"),
     [
-        ({}, GREY, "values is 'linear', which needs white_e"),
-        ({"values": "electrons", "white_e": 5.0}, GREY, "which has no white_e"),
-        (
-            {"values": "rgb", "white_e": 5.0},
-            GREY,
-            "values is 'rgb'; it must be one of electrons, linear, srgb",
-        ),
-        ({"white_e": -1.0}, GREY, "white_e is -1.0; it must be a number from 0.001"),
-        ({"white_e": (9.0, 2.0)}, GREY, "white_e is (9.0, 2.0)"),
+        ({}, GREY, "need white_e"),
+        ({"values": "electrons", "white_e": 5.0}, GREY, "'electrons' has none"),
+        ({"values": "rgb", "white_e": 5.0}, GREY, "must be one of electrons, linear, srgb"),
+        ({"white_e": -1.0}, GREY, "white_e is -1.0; it must be from 0.001"),
+        ({"white_e": (9.0, 2.0)}, GREY, "white_e is (9.0, 2.0); it must be one number, or"),
         ({"white_e": 9.0, "serial": 0}, GREY, "serial is 0; it must be"),
+        ({"white_e": 9.0, "serial": 1.5}, GREY, "serial is 1.5; it must be a whole number"),
         ({"white_e": 9.0, "seed": -1}, GREY, "seed is -1; it must be a whole number"),
         ({"white_e": 9.0, "gain": 800}, GREY, "has no gain settings"),
-        ({"white_e": 9.0}, PICTURE, "pass (H, W), the light behind each pixel's own filter"),
-        ({"white_e": 9.0}, GREY[0], "image has shape (31,)"),
-        ({"white_e": 9.0}, GREY > 3, "image is bool"),
-        ({"white_e": 9.0}, -GREY, "mean light is finite and at least 0"),
-        ({"white_e": 9.0}, GREY * np.float32(np.nan), "image has values such as nan"),
-        (
-            {"values": "srgb", "white_e": 9.0},
-            GREY.astype(np.uint16),
-            "and values 'srgb' takes uint8, or floats from 0 to 1; divide by the code of white, e.g. image / 65535",
-        ),
-        (
-            {"values": "srgb", "white_e": 9.0},
-            np.full((4, 4), 255.0),
-            "image has values from 255 to 255, and values 'srgb' takes floats from 0 to 1",
-        ),
-        (
-            {"values": "srgb", "white_e": 9.0},
-            np.array([[0.0, 2.0], [1.0, 0.5]]),
-            "image has values from 0 to 2, and values 'srgb' takes floats from 0 to 1, or uint8; clip them",
-        ),
-        (
-            {"values": "srgb", "white_e": 9.0},
-            np.array([[-0.5, 1.0]]),
-            "image has values from -0.5 to 1, and values 'srgb' takes",
-        ),
-        (
-            {"white_e": 9.0},
-            np.full((4, 4), 1e38),
-            "1e+38; mean light is finite and at least 0, in float32",
-        ),
-        ({"white_e": 9.0}, GREY[..., None], "image has shape (20, 31, 1)"),
-        ({"white_e": 9.0}, np.ones((8, 9, 4)), "with transparency; pass image[..., :3]"),
-        ({"white_e": 9.0}, np.ones((2, 8, 9, 4)), "with transparency; pass image[..., :3]"),
-        ({"white_e": 9.0}, "a.png", "is the name of a file, 'a.png'; read the picture"),
-        ({"white_e": 9.0}, GREY.astype(np.uint8), 'of which 1 is white; pass values="srgb"'),
         ({"white_e": 9.0, "gain": []}, GREY, "gain is []; pass one setting or several"),
-        ({"white_e": 9.0, "serial": 1.5}, GREY, "serial is 1.5; it must be a whole number"),
+        (WHITE, PICTURE, "pass (H, W), the light behind each pixel's own filter"),
+        (WHITE, GREY[0], "image has shape (31,)"),
+        (WHITE, GREY[..., None], "image has shape (20, 31, 1)"),
+        (WHITE, np.ones((8, 9, 4)), "pass image[..., :3]"),
+        (WHITE, np.ones((2, 8, 9, 4)), "pass image[..., :3]"),
+        (WHITE, GREY > 3, "image is bool"),
+        (WHITE, "a.png", "is the name of a file, 'a.png'; read the picture"),
+        (WHITE, -GREY, "mean light is finite and at least 0"),
+        (WHITE, GREY * np.float32(np.nan), "image has values such as nan"),
+        (WHITE, np.full((4, 4), 1e38), "1e+38; mean light is finite"),
+        (WHITE, GREY.astype(np.uint8), 'of which 1 is white; pass values="srgb"'),
+        (SRGB, GREY.astype(np.uint16), "image is uint16 with values from"),
+        (SRGB, np.full((4, 4), 255.0), "values from 255 to 255, and values 'srgb' takes uint8"),
+        (SRGB, np.array([[-0.5, 1.0]]), "clip them with np.clip(image, 0, 1)"),
     ],
 )
 def test_what_does_not_fit_is_one_sentence(
@@ -268,30 +236,19 @@ def test_what_does_not_fit_is_one_sentence(
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_developed_images_have_pixels_of_every_colour() -> None:
+def test_small_and_large_images_and_a_camera_of_a_file(tmp_path: Path) -> None:
+    """Larger than the sensor; with and without pixels of every colour; what a result shows of itself."""
+    path = tmp_path / "mine.toml"
+    path.write_text(MONO.replace(**{"sensor.rows": 8, "sensor.columns": 8}).to_toml())
+    assert ms.SensorNoise(path, values="electrons")(GREY).image.shape == GREY.shape
     noise = ms.SensorNoise(BAYER, white_e=100.0, output="developed")
-    assert noise(np.ones((2, 2, 3))).image.shape == (2, 2, 3)
+    found = noise(np.ones((2, 2, 2, 3)))
+    assert repr(found) == "<NoisyImage: 2 × 2 × 2 × 3 of bayer_2mp, 2 draws>"
+    assert [draw.white_e for draw in found.draws] == [100.0, 100.0]
     with pytest.raises(ms.InputError, match="image has 1 × 5 pixels, which lack a colour"):
         noise(np.ones((1, 5, 3)))
-
-
-def test_a_camera_is_its_name_a_path_or_itself_and_nothing_else(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text(MONO.to_toml())
-    assert ms.SensorNoise(path, white_e=5.0).camera == ms.load_camera(path)
-    with pytest.raises(
-        ms.InputError, match="camera is None; pass a Camera, or the name of one"
-    ):
-        ms.SensorNoise(None, white_e=5.0)  # type: ignore[arg-type]
-
-
-def test_a_result_shows_itself_in_one_line_and_one_brightness_is_that() -> None:
-    found = ms.SensorNoise(BAYER, white_e=100.0)(np.stack([PICTURE] * 2))
-    assert repr(found) == "<NoisyImage: 2 × 21 × 30 of bayer_2mp, 2 draws>"
-    assert repr(found.frames[0]).startswith(
-        "<Frames: 1 × 21 × 30, uint16, of bayer_2mp at 0.01 s, serial 1, seed "
-    )
-    assert [draw.white_e for draw in found.draws] == [100.0, 100.0]
+    with pytest.raises(ms.InputError, match="three grey ones"):
+        noise(np.ones((3, 8, 9)))
 
 
 def test_saturated_images_are_told_once_of_a_transform_and_noted_each_time() -> None:

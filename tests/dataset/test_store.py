@@ -1,303 +1,212 @@
-"""Entries of a dataset appear whole or not at all, and say what is wrong with them."""
+"""What a folder of a dataset promises: a task is there whole or not at all, and every damage is found and named."""
 
 from __future__ import annotations
 
-import errno
-import hashlib
 import json
 import os
-import pickle
-import signal
-import time
+import random
+import tarfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import pyarrow.parquet as pq
 import pytest
+from helpers.datasets import LIGHTS, contents, make_quickly, no_renders, plan_of
+from helpers.marks import exhaustive
 
-import mitsuba_sensor as ms
-from mitsuba_sensor.core import DiskFull
-from mitsuba_sensor.dataset.store.record import Entry, Record, record_of, text_of
-from mitsuba_sensor.dataset.store.store import Store
-from mitsuba_sensor.files import durable, tiff
+from mitsuba_sensor import InputError
+from mitsuba_sensor.dataset.run import run
+from mitsuba_sensor.dataset.store import RECORD, Store, record_of
+from mitsuba_sensor.dataset.table import Table
+from mitsuba_sensor.dataset.verify import remove_faults, verify
 
-KEY, OTHER = "ab" * 12, "ab" + "cd" * 11
-NAME = "scene/view_0000/settings"
-SAMPLE = Entry("samples", NAME, KEY)
-VIEW = Entry("views", f"scene/view_0000/{KEY}", KEY)
-OTHER_VIEW = Entry("views", f"scene/view_0000/{OTHER}", OTHER)
-CONTENT = {"frame.tiff": b"raw" * 100, "sample.json": b"{}", "nothing.bin": b""}
-
-
-def writer(content: dict[str, bytes] = CONTENT) -> Callable[[Path], None]:
-    def write(folder: Path) -> None:
-        for name, data in content.items():
-            (folder / name).write_bytes(data)
-
-    return write
-
-
-def tree(folder: Path) -> dict[str, bytes]:
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
-
-
-def endless(path: Path) -> None:
-    path.touch()
-    os.truncate(path, 2**40)
+__all__ = ["no_renders"]
+Cli = Callable[..., Any]
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Store:
-    return Store(tmp_path / "out")
+def made(tmp_path: Path, no_renders: pytest.MonkeyPatch) -> Path:
+    """40 shards of two samples each."""
+    run(plan_of(grid=LIGHTS), tmp_path / "made", workers=0, progress=False)
+    return tmp_path / "made"
 
 
-def test_an_entry_is_a_folder_of_the_files_and_a_record_of_their_hashes(store: Store) -> None:
-    record = store.commit(SAMPLE, writer())
-    folder = store.folder / "samples" / "scene" / "view_0000" / "settings"
-    assert store.folder_of("samples", NAME) == folder and record == store.record(
-        "samples", NAME
-    )
-    assert record.files == {
-        name: (len(data), hashlib.sha256(data).hexdigest()) for name, data in CONTENT.items()
-    }
-    assert {
-        path.name: path.read_bytes() for path in folder.iterdir() if path.name != "record.json"
-    } == CONTENT
-    said = json.loads((folder / "record.json").read_bytes())
-    assert (said["kind"], said["key"], set(said["files"])) == ("samples", KEY, set(CONTENT))
-    assert [path.name for path in folder.parent.iterdir()] == ["settings"]
-    assert folder.stat().st_mode == folder.parent.stat().st_mode  # others may read it
-
-
-def test_the_first_writer_wins_and_the_second_one_does_nothing(store: Store) -> None:
-    first = store.commit(VIEW, writer())
-    assert store.commit(VIEW, lambda folder: pytest.fail("it is there")) == first
-
-    def both(folder: Path) -> None:
-        writer()(folder)
-        store.commit(OTHER_VIEW, writer({"a": b"another program was faster"}))
-
-    record = store.commit(OTHER_VIEW, both)
-    assert list(record.files) == ["a"] and not list(store.verify_all())
-    assert set(store.names("views")) == {VIEW.name, OTHER_VIEW.name} and not list(
-        store.folder.rglob(".unfinished*")
-    )
-
-
-def test_a_broken_entry_is_replaced(store: Store) -> None:
-    store.commit(SAMPLE, writer())
-    (store.folder_of("samples", NAME) / "frame.tiff").write_bytes(b"short")
-    assert not store.exists(SAMPLE)
-    store.commit(SAMPLE, writer())
-    assert store.exists(SAMPLE) and not list(store.verify_all())
-    store.discard("samples", NAME)
-    store.folder_of("samples", NAME).write_text("a file in the place of a folder")
-    store.commit(SAMPLE, writer())
-    assert not list(store.verify_all()) and not list(store.folder.rglob(".unfinished*"))
-
-
-def test_what_goes_wrong_while_writing_leaves_nothing(store: Store) -> None:
-    def fails(folder: Path) -> None:
-        writer()(folder)
-        raise RuntimeError("the renderer")
-
-    with pytest.raises(RuntimeError, match="the renderer"):
-        store.commit(SAMPLE, fails)
-    for name in (".hidden", "record.json"):
-        with pytest.raises(ValueError, match="plain files only"):
-            store.commit(SAMPLE, writer({name: b""}))
-    with pytest.raises(ValueError, match="plain files only"):
-        store.commit(SAMPLE, lambda folder: (folder / "inner").mkdir())
-    assert not tree(store.folder) and not list(store.folder.rglob(".unfinished*"))
-    for key in ("../../../etc", "ab", KEY.upper(), KEY + "\n", "a/" + KEY):
-        with pytest.raises(ValueError, match="24 hex digits"):
-            store.commit(Entry("samples", NAME, key), writer())
-    for name in ("../../../etc", "a/b", "a/b/c/d", "a/../c", "a//c", "a/b/.c", "a/b/c\n", ""):
-        with pytest.raises(ValueError, match="scene/pose/settings"):
-            store.commit(Entry("samples", name, KEY), writer())
-
-
-def test_the_writers_of_files_name_the_final_place_and_the_bytes_of_a_full_disk(
-    store: Store, monkeypatch: pytest.MonkeyPatch
+def test_a_shard_is_flushed_then_renamed_then_its_folder_is_flushed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*_: object, **__: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    """What a power cut takes is what was not flushed: the bytes of a file, or the name that a folder has for it. Every
+    call that flushes or names is recorded, in its order."""
+    calls = list[tuple[str, str]]()
+    flush, replace, make = os.fsync, os.replace, os.mkdir
 
-    place = store.folder_of("samples", NAME)
-    with monkeypatch.context() as patch, pytest.raises(DiskFull) as caught:
-        patch.setattr("tifffile.TiffWriter.write", full)
-        frames = np.zeros((2, 8, 4), np.uint16)
-        store.commit(SAMPLE, lambda folder: tiff.write_tiff(folder / "frame.tiff", frames))
-    assert (caught.value.path, caught.value.size) == (place / "frame.tiff", 128)
-    said = f"cannot write {place / 'frame.tiff'}: {os.strerror(errno.ENOSPC)}; 128 bytes were to be written; make space"
-    assert str(caught.value).startswith(said) and str(
-        pickle.loads(pickle.dumps(caught.value))
-    ) == str(caught.value)
-    with monkeypatch.context() as patch, pytest.raises(DiskFull) as caught:
-        patch.setattr(os, "fsync", full)
-        store.commit(SAMPLE, writer({"frame.tiff": b"raw"}))
-    assert (caught.value.path.parent, caught.value.size) == (
-        place,
-        3,
-    ) or caught.value.path == place
-    with pytest.raises(DiskFull):
-        store.commit(SAMPLE, full)
-    assert not tree(store.folder) and not list(store.folder.rglob(".unfinished*"))
+    def path_of(file: int) -> str:
+        return os.path.relpath(os.readlink(f"/proc/self/fd/{file}"), tmp_path)
 
+    def flushed(file: int) -> None:
+        calls.append(("flush", path_of(file)))
+        flush(file)
 
-def test_a_file_that_reads_back_changed_is_no_entry(
-    store: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sync = os.fsync
+    def replaced(old: Any, new: Any) -> None:
+        path = os.path.relpath(old, tmp_path)
+        assert {("flush", path), ("rename", path)} & {*calls}, "its bytes are not flushed"
+        replace(old, new)
+        calls.append(("rename", os.path.relpath(new, tmp_path)))
 
-    def spoil(file: int) -> None:
-        sync(file)
-        if os.fstat(file).st_size == 300:
-            os.pwrite(file, b"!", 7)
+    def folder_made(path: Any, *given: Any) -> None:
+        make(path, *given)
+        calls.append(("make", os.path.relpath(path, tmp_path)))
 
-    monkeypatch.setattr(os, "fsync", spoil)
-    with pytest.raises(
-        ms.InputError, match=r"frame\.tiff: it reads back changed; check the disk"
-    ):
-        store.commit(SAMPLE, writer())
-    assert not store.exists(SAMPLE) and not list(store.folder.rglob(".unfinished*"))
-
-
-def test_all_files_of_an_entry_are_flushed_before_an_error_of_one_is_said(
-    store: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Nobody writes into the folder any more when it is removed."""
-    ended, flush = list[str](), durable.flush
-
-    def flush_some(path: Path, *facts: Any) -> None:
-        if path.name == "a":
-            raise OSError(errno.EIO, "broken")
-        time.sleep(0.2)
-        flush(path, *facts)
-        ended.append(path.name)
-
-    monkeypatch.setattr(durable, "flush", flush_some)
-    with pytest.raises((OSError, ms.InputError), match="broken"):
-        store.commit(
-            Entry("samples", "a/view_0000/b", "0" * 24),
-            lambda folder: [(folder / name).write_bytes(b"x") for name in "abc"],
-        )
-    assert sorted(ended) == ["b", "c", "record.json"]
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
-def test_a_process_that_was_forked_flushes_with_threads_of_its_own(store: Store) -> None:
-    def commit(key: str) -> None:
-        entry = Entry("samples", f"a/view_0000/{key[:4]}", key)
-        store.commit(entry, lambda folder: (folder / "a").write_bytes(b"x"))
-
-    commit("0" * 24)
-    if (child := os.fork()) == 0:
-        signal.alarm(60)  # threads of the parent would never flush
-        commit("1" * 24)
-        os._exit(0)
-    assert os.waitpid(child, 0)[1] == 0
-    assert store.find(Entry("samples", "a/view_0000/1111", "1" * 24))
-
-
-def test_left_over_folders_are_removed_by_age_and_by_the_clock_of_the_files(
-    store: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    store.commit(SAMPLE, writer())
-    dead, alive = (
-        durable.scratch_name(store.folder_of("samples", NAME).parent) for _ in range(2)
-    )
-    for folder in (dead, alive):
-        folder.mkdir()
-        (folder / "frame.tiff").write_bytes(b"half")
-        os.utime(folder, (0, 0))
-    os.utime(dead / "frame.tiff", (0, 0))
-    monkeypatch.setattr(time, "time", lambda: 0.0)  # the clock of this machine is wrong
-    assert store.clean(older_s=60) == 1 and not dead.exists() and alive.exists()
-    (rest,) = store.verify_all()
-    assert rest.what == "unfinished" and not rest.is_damage, "it may be in work"
-    assert store.clean(older_s=-60) == 1 and not alive.exists() and store.exists(SAMPLE)
-
-
-def test_left_over_pages_are_removed_by_age_and_nobody_elses_files(store: Store) -> None:
-    store.folder.mkdir(parents=True, exist_ok=True)
-    dead, alive, foreign = (
-        store.folder / name for name in (".dataset.toml.12", ".record.json.13", ".gitignore")
-    )
-    for path in (dead, alive, foreign):
-        path.write_text("half")
-    os.utime(dead, (0, 0))
-    os.utime(foreign, (0, 0))
-    assert store.clean() == 1 and not dead.exists() and alive.exists() and foreign.exists()
-
-
-def test_a_program_that_was_taken_for_dead_publishes_nothing(store: Store) -> None:
-    def slow(folder: Path) -> None:
-        writer()(folder)
-        assert store.clean(older_s=-60) == 1
-
-    with pytest.raises(ms.InputError, match="another program has removed its unfinished files"):
-        store.commit(SAMPLE, slow)
-    assert not tree(store.folder)
-
-
-def test_views_in_quarantine_are_known_by_key_until_they_are_released(store: Store) -> None:
-    assert store.quarantined() == {}
-    store.quarantine(KEY, {"log": "it aborts"})
-    store.quarantine(OTHER, {"log": "it aborts too"})
-    assert store.quarantined() == {KEY: {"log": "it aborts"}, OTHER: {"log": "it aborts too"}}
-    (store.folder / "quarantine" / f"{OTHER}.json").write_bytes(b'{"log": "it ab')
-    assert set(store.quarantined()) == {KEY}
-    assert [(one.kind, one.name, one.what) for one in store.verify_all()] == [
-        ("quarantine", OTHER, "changed")
+    monkeypatch.setattr(os, "fsync", flushed)
+    monkeypatch.setattr(os, "replace", replaced)
+    monkeypatch.setattr(os, "mkdir", folder_made)
+    store, plan = Store(tmp_path / "a" / "out"), plan_of(grid=LIGHTS)
+    store.write_record(plan.record(2))
+    make_quickly(store, plan.record(2), next(plan.tasks()))
+    (shard,) = store.finished().values()
+    store.put_aside(shard)
+    names = {"rename": lambda path: os.path.dirname(path) or ".", "make": os.path.dirname}
+    for place, (what, path) in enumerate(calls):
+        if what != "flush":
+            folder = names[what](path) or "."
+            assert ("flush", folder) in calls[place:], f"the name of {path} is not flushed"
+    assert [path for what, path in calls if what == "rename"] == [
+        f"a/out/{RECORD}",
+        f"a/out/shards/{shard.name}",
+        f"a/out/earlier/{shard.name}",
     ]
-    store.release(KEY)
-    store.release(KEY)
-    assert store.quarantined() == {}
-    with pytest.raises(ValueError, match="24 hex digits"):
-        store.release("../../etc/passwd")
 
 
-def test_records_that_name_other_places_are_no_records() -> None:
-    """Whoever wrote them: the hash of the record is right each time."""
-    digest = "0" * 64
-    assert record_of(text_of(Record("samples", NAME, KEY, {"a": (1, digest)}))) is not None
-    for name in ("../a", "/etc/passwd", "a/b", "a\\b", "..", ".a", "", "record.json", "a\0b"):
-        assert record_of(text_of(Record("samples", NAME, KEY, {name: (1, digest)}))) is None
-    for size in (-1, 1.0, True, "1", None):
-        assert record_of(text_of(Record("samples", NAME, KEY, {"a": (size, digest)}))) is None  # type: ignore[dict-item]
-    for kind, key in (("other", KEY), ("samples", "ab"), ("samples", 5)):
-        assert record_of(text_of(Record(kind, NAME, key, {}))) is None  # type: ignore[arg-type]
-    for content in (b"", b"{}", b"[" * 100_000, b"\xff" * 100, b'{"kind": "samples"}\n'):
-        assert record_of(content) is None
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with names are of Unix")
-def test_pipes_links_and_endless_files_are_faults_and_stop_nothing(
-    store: Store, tmp_path: Path
+def test_a_shard_is_a_tar_of_webdataset_with_the_record_first_and_the_rows_last(
+    made: Path,
 ) -> None:
-    store.commit(SAMPLE, writer())
-    folder = store.folder_of("samples", NAME)
-    kept = (folder / "record.json").read_bytes()
-    for make in (os.mkfifo, lambda path: path.symlink_to("/dev/zero"), endless):
-        (folder / "record.json").unlink()
-        make(folder / "record.json")
-        assert not store.exists(SAMPLE) and len(store.verify("samples", NAME)) == 1
-    (folder / "record.json").unlink()
-    (folder / "record.json").write_bytes(kept)
-    assert store.exists(SAMPLE)
-    (folder / "frame.tiff").rename(tmp_path / "elsewhere")
-    (folder / "frame.tiff").symlink_to(tmp_path / "elsewhere")
-    assert not store.exists(SAMPLE)
-    assert store.verify("samples", NAME) == [
-        ("samples", NAME, "frame.tiff", "not a plain file")
-    ]
-    store.discard("samples", NAME)
-    assert (tmp_path / "elsewhere").read_bytes() == CONTENT["frame.tiff"], (
-        "what a link leads to stays"
-    )
+    store = Store(made)
+    for shard in store.finished().values():
+        with tarfile.open(store.shards / shard.name) as tar:
+            names = tar.getnames()
+            first = tar.extractfile(names[0])
+            assert first is not None and record_of(first.read()) == store.record()
+        keys = [row.key for row in store.rows(shard)]
+        assert keys == sorted(keys) and names[:2] == ["task/dataset,json", "light/view,json"]
+        of_samples = [f"{key}.{name}" for key in keys for name in ("frame.tiff", "sample.json")]
+        assert names[2:] == [*of_samples, "task/rows,json", "task/end,txt"]
+    for line in Table(store):
+        members = store.members(line.shard, line.offset, line.bytes)
+        assert members["frame.tiff"] == random.Random(line.key).randbytes(3000)
+        shared = store.members(line.shard, line.light_offset, line.light_bytes)
+        assert list(shared) == ["view.json"]
+
+
+def test_the_table_is_made_again_whenever_it_is_missing_damaged_or_older(made: Path) -> None:
+    path = made / "index.parquet"
+    table = Table(Store(made))
+    assert [line.number for line in table] == [*range(80)]
+    assert pq.read_table(path).num_rows == 80 and len(table.where("exposure_s", 0.1)) == 40
+    whole = path.read_bytes()
+    for content in (None, b"", whole[: len(whole) // 2], b"no parquet"):
+        path.unlink()
+        if content is not None:
+            path.write_bytes(content)
+        assert len(Table(Store(made))) == 80 and path.read_bytes() == whole
+    next((made / "shards").iterdir()).unlink()
+    assert len(Table(Store(made))) == 78
+    made.chmod(0o500)
+    if not os.access(made, os.W_OK):  # root may write anywhere
+        path.unlink()
+        assert len(Table(Store(made))) == 78
+    made.chmod(0o700)
+
+
+def test_readers_need_the_shards_alone(made: Path, cli: Cli) -> None:
+    for path in made.iterdir():
+        if path.is_file():
+            path.unlink()
+    assert len(Table(Store(made))) == 80
+    done = cli("dataset", "status", made)
+    assert done.exit_code == 0 and "80 of 80 samples" in done.stdout
+    run(plan_of(grid=LIGHTS), made, workers=0, progress=False)
+    assert record_of((made / RECORD).read_bytes()) == Store(made).record()
+
+
+def damage(path: Path, chance: random.Random) -> None:
+    """Flip a bit, cut the end off, write zeros or remove a file."""
+    content, how = bytearray(path.read_bytes()), chance.randrange(4)
+    if how == 3:
+        path.unlink()
+        return
+    place = chance.randrange(len(content))
+    if how == 0:
+        content[place] ^= 1 << chance.randrange(8)
+    elif how == 1:
+        content = content[:place]
+    else:
+        content[place : place + 512] = bytes(len(content[place : place + 512]))
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("damages", [25, exhaustive(300)])
+def test_every_damage_is_named_and_mended(damages: int, made: Path) -> None:
+    """Of shards, record and table. A damage that changes nothing (zeros over zeros) is none."""
+    chance, before = random.Random(5), contents(made)
+    for _ in range(damages):
+        path = made / chance.choice(sorted(before))
+        name = path.relative_to(made).as_posix()
+        damage(path, chance)
+        now = contents(made)
+        faults = {fault.file for fault in verify(Store(made)) if fault.is_damage}
+        missing_shard = name not in now and name.startswith("shards/")
+        is_same = now == before or missing_shard  # a task that is not there is no fault
+        assert faults == (set() if is_same else {name}), (name, faults)
+        remove_faults(Store(made), verify(Store(made)))
+        run(plan_of(grid=LIGHTS), made, workers=0, progress=False)
+        assert contents(made) == before, name
+
+
+def test_a_foreign_file_among_shards_is_named_and_stays(made: Path, cli: Cli) -> None:
+    (made / "shards" / "notes.txt").write_text("mine")
+    done = cli("dataset", "verify", made, "--remove")
+    assert done.exit_code == 0 and "notes.txt" in done.stdout
+    assert (made / "shards" / "notes.txt").exists()
+
+
+FORGED = {
+    "rows that are none": (b'"number":', b'"numbre":'),
+    "a place beyond the file": (b'"offset":', b'"offset":9'),
+    "a key that is none": (b'"key":"', b'"key":"/'),
+}
+
+
+@pytest.mark.parametrize("name", FORGED)
+def test_what_somebody_has_forged_is_one_sentence(name: str, made: Path, cli: Cli) -> None:
+    shard = sorted((made / "shards").iterdir())[0]
+    content = shard.read_bytes()
+    start = content.index(b"[{", content.index(b"task/rows,json"))
+    old, new = FORGED[name]
+    changed = content[:start] + content[start:].replace(old, new, 1)[: len(content) - start]
+    shard.write_bytes(changed)
+    for file in ("index.parquet", RECORD):
+        (made / file).unlink()
+    for command in (["status"], ["verify"], ["show", "0"]):
+        done = cli("dataset", command[0], made, *command[1:])
+        assert done.exit_code in (0, 1, 2) and "Traceback" not in done.stderr, done.stderr
+    assert cli("dataset", "verify", made).exit_code == 1
+
+
+@pytest.mark.parametrize("field", ["format", "made_by"])
+def test_another_format_or_version_is_refused_with_both_named(field: str, made: Path) -> None:
+    record = Store(made).require_record()
+    other: dict[str, Any] = {"format": 99, "made_by": {**record.made_by, "mitsuba": "99.1.0"}}
+    changed = record.model_copy(update={field: other[field]})
+    (made / RECORD).write_bytes(changed.content())
+    before = contents(made)
+    with pytest.raises(InputError, match=r"99.*" + ("5" if field == "format" else r"3\.9")):
+        run(plan_of(grid=LIGHTS), made, workers=0, progress=False)
+    assert contents(made) == before
+
+
+def test_what_is_no_dataset_says_so(tmp_path: Path, cli: Cli) -> None:
+    (tmp_path / "shards").mkdir()
+    (tmp_path / RECORD).write_text(json.dumps({"format": 5}))
+    for command in ("status", "verify"):
+        done = cli("dataset", command, tmp_path)
+        assert done.exit_code == 2 and "there is no dataset in" in done.stderr

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from mitsuba_sensor.dataset.plan.planned import load_plan
+from mitsuba_sensor.dataset.plan import load_plan
 
 ROOT = Path(__file__).parents[2]
 PAIRS = ROOT / "examples" / "denoiser_pairs.toml"

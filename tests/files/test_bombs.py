@@ -22,7 +22,7 @@ from PIL import Image
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.small_files import toml_tables
-from mitsuba_sensor.dataset.plan.file import read_dataset
+from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.files.npz import read_fpn_maps, write_fpn_maps
 from mitsuba_sensor.files.openexr import Plane, write_planes
 from mitsuba_sensor.files.raw_files import read_raw

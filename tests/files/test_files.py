@@ -182,18 +182,6 @@ def test_json_is_strict_whatever_stands_in_the_report(tmp_path: Path) -> None:
     assert back == {"nan": None, "inf": None, "array": [0, 1, 2], "path": "a", "λ": [1, True]}
 
 
-def test_json_with_a_line_for_each_name_is_the_indented_one() -> None:
-    report = {
-        "a\u2028": [float("nan"), np.float32(0.1)],
-        "b": {"c": np.arange(3), "d": "x\ny"},
-        "e": (),
-    }
-    text = texts.json_lines(report)
-    assert json.loads(text) == json.loads(texts.to_json(report))
-    assert len(text.splitlines()) == 2 + len(report) and text.endswith("}\n")
-    assert json.loads(texts.json_lines({})) == {}
-
-
 def test_all_files_of_a_job_appear_together(tmp_path: Path) -> None:
     with output_folder(tmp_path / "new" / "out", NAMES) as folder:
         for name in NAMES:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.scenes import BALL, SCENES, SHIPPED, SKY, scene_text, write_scene
@@ -12,7 +13,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.files.scene_references import (
     camera_references,
     check_below,
-    scene_digest,
+    files_digest,
     scene_references,
 )
 
@@ -23,6 +24,11 @@ file = "curves/qe.csv"
 prescription = "lens.dat"
 """
 MESH = '<shape type="ply"><string name="filename" value="{}"/></shape>'
+
+
+def scene_digest(path: Path, parameters: dict[str, Any], roots: list[Path]) -> str:
+    """Of all files that a scene reads below the roots."""
+    return files_digest(scene_references(path, parameters, roots), roots)
 
 
 def written(folder: Path, files: dict[str, str]) -> None:

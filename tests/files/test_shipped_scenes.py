@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.cli.completion import scenes_and_files
-from mitsuba_sensor.dataset.plan.planned import load_plan
+from mitsuba_sensor.dataset.plan import load_plan
 from mitsuba_sensor.files.scene_copies import copy_scene
 from mitsuba_sensor.files.scene_references import scene_references
 from mitsuba_sensor.files.shipped_scenes import (
@@ -109,12 +109,12 @@ def test_a_wrong_name_is_answered_with_all_names(given: str, tmp_path: Path) -> 
 def test_a_dataset_names_a_scene(tmp_path: Path) -> None:
     """Its key does not depend on where the package is installed, nor on what else may be read."""
     (tmp_path / "set.toml").write_text(DATASET.format(file="still_life"))
-    (named,) = load_plan(tmp_path / "set.toml").views()
-    (elsewhere,) = load_plan(tmp_path / "set.toml", [ROOT]).views()
+    (named,) = load_plan(tmp_path / "set.toml").tasks()
+    (elsewhere,) = load_plan(tmp_path / "set.toml", [ROOT]).tasks()
     assert Path(named.scene_file) == scenes_folder() / "still_life.xml"
     assert named.key == elsewhere.key
     (tmp_path / "still_life").write_text(scene_text(SKY))
-    (own,) = load_plan(tmp_path / "set.toml").views()
+    (own,) = load_plan(tmp_path / "set.toml").tasks()
     assert Path(own.scene_file) == tmp_path / "still_life"
 
 

@@ -1,23 +1,21 @@
-"""Small datasets for tests."""
+"""Small datasets for tests, and tasks that are made without a render."""
 
-import shutil
-from collections.abc import Mapping, Sequence
+import hashlib
+import json
+import os
+import random
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from mitsuba_sensor.dataset.index import origin, repair
-from mitsuba_sensor.dataset.index import part as index_part
-from mitsuba_sensor.dataset.index import writer as index_writer
-from mitsuba_sensor.dataset.index.part import Line, all_parts, kinds_of, part_of
-from mitsuba_sensor.dataset.index.writer import IndexWriter
-from mitsuba_sensor.dataset.plan.configured import PlannedSample
-from mitsuba_sensor.dataset.plan.file import read_dataset
-from mitsuba_sensor.dataset.plan.planned import DatasetPlan
-from mitsuba_sensor.dataset.store.record import FILE, INDEX
-from mitsuba_sensor.dataset.store.store import Store
-from mitsuba_sensor.files.parquet import Kind
+from mitsuba_sensor.dataset import overview, run
+from mitsuba_sensor.dataset.cameras import Folders
+from mitsuba_sensor.dataset.engine import Job
+from mitsuba_sensor.dataset.file import read_dataset_text
+from mitsuba_sensor.dataset.plan import DatasetPlan, PlannedSample, Task
+from mitsuba_sensor.dataset.store import Record, Store
 from mitsuba_sensor.files.shipped_scenes import scenes_folder
 
 SCENES = scenes_folder()
@@ -28,53 +26,95 @@ TABLES: dict[str, Any] = {
     "scenes": [{"name": "flat", "file": "flat_field.xml"}],
     "cameras": [{"camera": "konnik_table1"}],
 }
+LIGHTS = {"parameters.radiance": [1e-4 * k for k in range(1, 41)], "exposure_s": [0.1, 0.2]}
+"""A grid of 40 lights of two samples."""
 
 
-def write_index(
-    folder: Path, lines: Sequence[Line], kinds: Mapping[str, Kind] | None = None
-) -> None:
-    """Replace the index of a small dataset by one with these lines, as somebody could who knows how names are made."""
-    (old,) = all_parts(folder)
-    known = kinds or kinds_of(read_dataset(folder / FILE))
-    (folder / INDEX / old.name).unlink()
-    part, content = part_of(old.origin, 0, lines, len(lines), known)
-    (folder / INDEX / part.name).write_bytes(content)
+def toml_text(tables: dict[str, Any]) -> str:
+    """TOML of tables, each value on its line."""
+    return "\n".join(f"{name} = {_inline(value)}" for name, value in tables.items()) + "\n"
+
+
+def _inline(value: Any) -> str:
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{json.dumps(n)} = {_inline(x)}' for n, x in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_inline, value))}]"
+    return json.dumps(value)
+
+
+def plan_of(*roots: Path, untrusted: bool = False, **tables: Any) -> DatasetPlan:
+    """The small dataset with these tables."""
+    text = toml_text({**TABLES, **tables})
+    return DatasetPlan(
+        read_dataset_text(text, "the tables"), Folders(roots or [SCENES], untrusted), text
+    )
+
+
+def tasks_of(**tables: Any) -> list[Task]:
+    """Its tasks."""
+    return [*plan_of(**tables).tasks()]
+
+
+def samples_of(tasks: list[Task]) -> list[PlannedSample]:
+    """The samples of tasks, in the order of the file."""
+    return sorted((x for task in tasks for x in task.samples), key=lambda x: x.number)
+
+
+def make_quickly(store: Store, record: Record, task: Task) -> None:
+    """Commit a task whose files follow from its keys: no render."""
+    exposed = {"exposure_s": 0.1, "system_gain_dn_per_e": 0.5, "black_level_dn": 1.0}
+
+    def samples() -> Any:
+        for x in task.samples:
+            row = {"number": x.number, "key": x.key, "split": x.split, "exposed": exposed}
+            content = random.Random(x.key).randbytes(3000)
+            yield {**row, "values": x.values}, {"frame.tiff": content, "sample.json": b"{}"}
+
+    store.commit(task.key, record, {"view.json": task.light_key.encode()}, samples())
+
+
+def make_slowly(store: Store, record: Record, task: Task) -> None:
+    """The same, in a tenth of a second."""
+    time.sleep(0.1)
+    make_quickly(store, record, task)
+
+
+def make_badly(store: Store, record: Record, task: Task) -> None:
+    """What goes wrong is said by the radiance of the light, in 1e-4: it is made, or not."""
+    what = round(
+        task.config["parameters"]["radiance"]
+        and 1e4 * float(task.config["parameters"]["radiance"])
+    )
+    tried = store.folder / f"tried-{task.key}"
+    tried.write_text(tried.read_text() + "x" if tried.exists() else "x")
+    if what == 2:
+        raise ValueError("a bug")
+    if what == 3 or (what == 4 and tried.read_text() == "x"):
+        os.write(2, b"the renderer is on fire\n")
+        os.kill(os.getpid(), 9)
+    if what == 5:
+        time.sleep(600)
+    if what == 6:
+        held = bytearray(1_500_000_000)
+        time.sleep(600)
+        assert held
+    make_quickly(store, record, task)
 
 
 @pytest.fixture
-def here(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of the folder in which a module has ``made`` a dataset, which is the current folder."""
-    copy = Path(shutil.copytree(made, tmp_path / "copy"))
-    monkeypatch.chdir(copy)
-    return copy
+def no_renders(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Tasks of runs are made by :func:`make_quickly`, and nothing is written for people."""
+    monkeypatch.setattr(run, "Job", lambda *given: Job(*given, make=make_quickly))
+    monkeypatch.setattr(run, "check_scenes", lambda plan: None)
+    monkeypatch.setattr(overview, "write_overview", lambda *given: overview.CardNotes())
+    return monkeypatch
 
 
-def make_parts_small(monkeypatch: pytest.MonkeyPatch, numbers: int) -> None:
-    """From now on a part of an index is of so many numbers."""
-    for module in (index_part, index_writer, origin, repair):
-        monkeypatch.setattr(module, "NUMBERS", numbers)
-
-
-def plan_of(**tables: Any) -> DatasetPlan:
-    """The small dataset with these tables."""
-    return DatasetPlan(read_dataset({**TABLES, **tables}), [SCENES], f"# {tables!r}")
-
-
-def commit(store: Store, sample: PlannedSample) -> None:
-    """A sample of one small file."""
-    store.commit(sample.entry, lambda folder: (folder / "a.txt").write_text("a"))
-
-
-def follow(writer: IndexWriter, lost: frozenset[int] = frozenset()) -> None:
-    """Make all tasks of a run but for the samples with these numbers."""
-    for view in writer.tasks():
-        numbers = range(view.first, view.first + len(view.samples))
-        for number, sample in zip(numbers, view.samples, strict=True):
-            if number not in lost:
-                commit(writer.store, sample)
-        writer.ended(view.first, lost.isdisjoint(numbers))
-
-
-def whole(plan: DatasetPlan, store: Store) -> IndexWriter:
-    """The writer of a run of all samples."""
-    return IndexWriter(plan, store, range(plan.numbers))
+def contents(folder: Path) -> dict[str, str]:
+    """Name → hash of every file below a folder."""
+    return {
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }

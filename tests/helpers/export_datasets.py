@@ -1,33 +1,35 @@
-"""A small dataset with a path, two cameras, spectra and AOVs, as exports need it."""
+"""Small datasets as exports need them: a path of two sensors, two cameras, variants of a world, spectra and AOVs."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from mitsuba_sensor.dataset.plan.planned import load_plan
-from mitsuba_sensor.dataset.run.run import run
+from mitsuba_sensor.dataset import make_dataset
 
-SCENE = """<scene version="3.0.0"><default name="height" value="0"/><integrator type="direct"/>
-<sensor type="{sensor}">{fov}<film type="hdrfilm"><integer name="width" value="20"/>
+SENSOR = """<sensor type="{type}" id="{name}">{fov}<film type="hdrfilm"><integer name="width" value="20"/>
 <integer name="height" value="14"/></film><transform name="to_world">
-<lookat origin="0, 1, 4" target="0, 0, 0" up="0, 1, 0"/></transform></sensor>
+<lookat origin="{x}, 1, 4" target="{x}, 0, 0" up="0, 1, 0"/></transform></sensor>"""
+SCENE = """<scene version="3.0.0"><default name="height" value="0"/><integrator type="direct"/>
+{sensors}
 <shape type="sphere" id="ball"><point name="center" value="0, $height, 0"/></shape>
 <shape type="rectangle" id="floor"><transform name="to_world"><rotate x="1" angle="-90"/><scale value="3"/>
 <translate y="-1"/></transform></shape><emitter type="constant"/></scene>"""
-FOV = '<float name="fov" value="50"/>'
+BASELINE_M = 0.25
+FOV = '<float name="fov" value="{}"/>'
 FLIGHT = """name = "flight"
 description = "Türme & 橋 | small"
 licence = "CC0-1.0"
 outputs = ["raw", "clean", "variance", "electrons", "preview", "aovs", "irradiance"]
 render = { spp = 4, denoise = false, spectral = "cube" }
-grid = { exposure_ev = [0, -2], frames = [2] }
+grid = { frames = [2], "parameters.height" = [0, 0.5] }
 cameras = [
-    { camera = "konnik_table1", set = { "lens.distortion" = [-0.1, 0.02, 0.002, -0.001, 0.003] } },
+    { camera = "konnik_table1", set = { "lens.distortion" = [-0.1, 0.02, 0.002, -0.001, 0] } },
     { camera = "bayer_2mp" },
 ]
 [[scenes]]
 name = "flight"
 file = "perspective.xml"
+sensors = "all"
 [scenes.path]
 views = 2
 keys = [
@@ -43,11 +45,19 @@ chips = 1
 """
 
 
+def write_scenes(folder: Path) -> None:
+    """perspective.xml with two sensors, and orthographic.xml with one."""
+    left = SENSOR.format(type="perspective", name="left", fov=FOV.format(50), x=0)
+    right = SENSOR.format(type="perspective", name="right", fov=FOV.format(45), x=BASELINE_M)
+    flat = SENSOR.format(type="orthographic", name="flat", fov="", x=0)
+    (folder / "perspective.xml").write_text(SCENE.format(sensors=left + right), "utf-8")
+    (folder / "orthographic.xml").write_text(SCENE.format(sensors=flat), "utf-8")
+
+
 def made_dataset(folder: Path, text: str = FLIGHT) -> Path:
-    """A dataset that is made in ``folder`` of a file with this text, and of perspective.xml and orthographic.xml."""
-    for sensor, fov in (("perspective", FOV), ("orthographic", "")):
-        scene = SCENE.replace("{sensor}", sensor).replace("{fov}", fov)
-        (folder / f"{sensor}.xml").write_text(scene, "utf-8")
+    """A dataset that is made in ``folder`` of a file with this text, and of the two scenes."""
+    write_scenes(folder)
     (folder / "dataset.toml").write_text(text, "utf-8")
-    run(load_plan(folder / "dataset.toml", [folder]), folder / "made", workers=0)
+    found = make_dataset(folder / "dataset.toml", folder / "made", roots=[folder], workers=0)
+    assert not found.failed, found.failed
     return folder / "made"

@@ -16,9 +16,8 @@ from helpers.scenes import SKY, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.options import complete
-from mitsuba_sensor.dataset.exports.nerfstudio import transforms
-from mitsuba_sensor.dataset.exports.opencv import opencv_xml, opencv_yaml
-from mitsuba_sensor.dataset.exports.poses import PosedImage
+from mitsuba_sensor.dataset.exports.nerfstudio import intrinsics as frame_of
+from mitsuba_sensor.dataset.exports.opencv import calibration_text
 from mitsuba_sensor.dataset.exports.ros import camera_info
 from mitsuba_sensor.optics.calibration import Calibration, calibration_of
 from mitsuba_sensor.optics.distortion import distortion_of
@@ -34,10 +33,9 @@ GIVEN = Calibration(
     640, 480, (501.25, 501.25), (325.5, 231.0625), (-0.21, 0.06, 0.004, -1e-5, -0.01)
 )
 TEXTS = {
-    "a.yml": opencv_yaml(GIVEN),
-    "a.xml": opencv_xml(GIVEN),
+    "a.yml": calibration_text(GIVEN),
     "a.yaml": camera_info(GIVEN, "left"),
-    "transforms.json": json.dumps(transforms([PosedImage("a.png", GIVEN, np.eye(4))])),
+    "transforms.json": json.dumps({"camera_model": "OPENCV", "frames": [frame_of(GIVEN)]}),
 }
 SENSOR = """<scene version="3.0.0"><sensor type="perspective">{}<film type="hdrfilm">
 <integer name="width" value="{}"/><integer name="height" value="{}"/></film></sensor>{}</scene>"""
@@ -174,14 +172,15 @@ def test_the_table_of_a_small_fisheye_picture_reaches_its_corner(tmp_path: Path)
 
 
 def test_what_the_datasheet_cannot_say_is_in_the_description(tmp_path: Path) -> None:
-    data = json.loads(TEXTS["transforms.json"]) | {"fl_y": 490.0}
-    data["frames"] = [*data["frames"], {**data["frames"][0], "fl_x": 900.0}]
+    data = json.loads(TEXTS["transforms.json"])
+    frame = data["frames"][0] | {"fl_y": 490.0}
+    data["frames"] = [frame, {**frame, "fl_x": 900.0}]
     said = imported(tmp_path, "transforms.json", json.dumps(data)).description
     assert "fx / fy is 1.023" in said and "1 of 2 frames have intrinsics of their own" in said
     text = (
-        opencv_yaml(GIVEN)
+        calibration_text(GIVEN)
         .replace("rows: 5", "rows: 12")
-        .replace("-0.01 ]", "-0.01, 0, 0, 0, 0.1, 0, 0.2, 0 ]")
+        .replace("-0.01]", "-0.01, 0, 0, 0, 0.1, 0, 0.2, 0]")
     )
     assert (
         "s1, s3 (thin prism, tilt) are left out"

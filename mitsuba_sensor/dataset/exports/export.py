@@ -3,34 +3,29 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple, Unpack
 
 from ...core import InputError, nearest
 from ...core.options import complete, documents
-from ...files.whole_folder import appearing_folder
-from ..index.part import Line
-from ..options import ExportOptions
-from ..plan.file import read_dataset
-from ..read.reader import Dataset
-from ..store.keys import Facts
-from ..store.record import FILE
-from .card import write_card
-from .coco import write_coco
-from .colmap import write_colmap
-from .euroc import write_euroc
-from .hdf5 import write_hdf5
-from .job import Job
-from .kitti import write_kitti
-from .missing import missing_samples
-from .nerfstudio import write_nerfstudio
-from .opencv import write_opencv
-from .parquet import write_parquet
-from .ros import write_ros
-from .summary import summary
-from .webdataset import refuse_own_shards, write_shards
+from ...files.appearing import write_drawing
+from ...files.png import png
+from ...files.texts import write_json, write_page
+from ...files.tiff import tiff_bytes
+from ...files.whole_folder import appearing_folder, inside
+from ..card import write_card
+from ..file import DatasetFile, read_dataset_text
+from ..keys import Facts
+from ..read import IMAGES, PICTURE, Dataset, Sample
+from .formats import FORMATS, ExportOptions
+
+PNG_BITS_MAX = 16
+MB = 10**6
+DEFAULT_ARRAYS = ("raw", "clean", "variance")
 
 
 class Exported(NamedTuple):
@@ -40,43 +35,110 @@ class Exported(NamedTuple):
     remarks: list[str]
 
 
-def write_nothing(job: Job) -> str:
-    """No files beside the card, which says how to read the dataset itself."""
-    for _ in job.samples:
-        job.step()
-    return ""
+@dataclass
+class Job:
+    """One export.
 
+    samples : in the order of the dataset.  folder : empty, and renamed when all is done.  options : complete.
+    file : that the dataset was made from.  progress : told how many samples are done, of how many.
+    left_out : keys of samples that cannot be in the export.  remarks : sentences for people and for the card.
+    """
 
-WRITERS: Mapping[str, Callable[[Job], str]] = {
-    "parquet": write_parquet,
-    "webdataset": write_shards,
-    "hdf5": write_hdf5,
-    "coco": write_coco,
-    "nerfstudio": write_nerfstudio,
-    "colmap": write_colmap,
-    "kitti": write_kitti,
-    "euroc": write_euroc,
-    "opencv": write_opencv,
-    "ros": write_ros,
-    "card": write_nothing,
-}
-OF_ARRAYS = ("parquet", "webdataset", "hdf5")
-SHARD_MB = {"parquet": 256, "webdataset": 1000}
-"""Format with shards → their largest size [MB]."""
-OF_PICTURES = {
-    "coco": "preview",
-    "nerfstudio": "preview",
-    "colmap": "preview",
-    "kitti": "raw",
-    "euroc": "raw",
-}
-"""Format with pictures → which."""
-REFUSED_INCOMPLETE = (
-    "{folder} is not complete: {missing}; `mitsuba-sensor dataset run FILE.toml -o {folder}` makes them, `dataset "
-    "status {folder}` says which could not be made, and --incomplete exports the others."
-)
-TAKEN_BY = {"arrays": OF_ARRAYS, "shard_mb": SHARD_MB, "images": OF_PICTURES}
-"""Option → the formats that take it."""
+    samples: Dataset
+    folder: Path
+    options: Facts
+    file: DatasetFile
+    progress: Callable[[int, int], object]
+    left_out: set[str] = field(default_factory=set)
+    remarks: list[str] = field(default_factory=list)
+    _done: int = 0
+
+    @property
+    def title(self) -> str:
+        """Name and description of the dataset."""
+        return ": ".join(x for x in (self.file.name, self.file.description) if x)
+
+    @property
+    def licence(self) -> str:
+        """As the options say it, or the dataset file."""
+        return self.options["licence"] or self.file.licence
+
+    @property
+    def shard_bytes(self) -> int:
+        """Largest size of a file."""
+        return self.options["shard_mb"] * MB
+
+    def done(self, samples: int = 1) -> None:
+        """So many more samples are written, or left out."""
+        self._done += samples
+        self.progress(self._done, len(self.samples))
+
+    def splits(self) -> dict[str, Dataset]:
+        """Split → its samples."""
+        return {split: self.samples.where(split=split) for split in self.samples.splits}
+
+    def remark(self, sentence: str) -> None:
+        """Note a sentence, once."""
+        if sentence not in self.remarks:
+            self.remarks.append(sentence)
+
+    def leave_out(self, samples: Sequence[Sample], what: str, why: str) -> None:
+        """Note that samples cannot be in the export.  what : they are.  why : for the remark."""
+        self.left_out.update(sample.key for sample in samples)
+        self.done(len(samples))
+        count = "one sample" if len(samples) == 1 else f"{len(samples)} samples"
+        self.remark(f"left out: {count} of {what}: {why.removesuffix('.')}")
+
+    def arrays_of(self, sample: Sample, usual: Iterable[str] = DEFAULT_ARRAYS) -> list[str]:
+        """Names of the arrays of a sample that the options ask for; by default those of ``usual`` that it has.
+        Raises InputError for none."""
+        if self.options["arrays"]:
+            return [*dict.fromkeys(self.options["arrays"])]
+        found = [name for name in usual if sample.has(IMAGES[name])]
+        if not found:
+            raise InputError(
+                f"the samples have none of {', '.join(usual)}; name one in the outputs of the dataset, and make it "
+                "again, or say which arrays to write, e.g. `--array depth`."
+            )
+        return found
+
+    def picture(self, sample: Sample, stem: str) -> str:
+        """Write the picture of a sample that the options ask for. Returns its name without folders. Raises InputError
+        where the dataset has none.  stem : of its name in the export, with folders."""
+        kind, ending = self.options["images"], "png"
+        if not sample.has(PICTURE if kind == "preview" else IMAGES["raw"]):
+            other = "raw" if kind == "preview" else "preview"
+            remedy = f"add {kind} to the outputs of the dataset, and make it again"
+            if other in self.file.outputs:
+                remedy = f"take --images {other}, or {remedy}"
+            raise InputError(f"{sample.place(kind)} is not there; {remedy}.")
+        if kind == "preview":
+            content = sample.content(PICTURE)
+        else:
+            frame = sample.read("raw")[0]
+            if frame.dtype.itemsize * 8 > PNG_BITS_MAX:
+                ending, content = "tiff", tiff_bytes(frame)
+            else:
+                content = png(frame)
+        self.bytes(f"{stem}.{ending}", content)
+        self.done()
+        return f"{stem.rpartition('/')[2]}.{ending}"
+
+    def place(self, name: str) -> Path:
+        """Where a file of the export goes. Raises InputError for a name that leads elsewhere."""
+        return inside(self.folder, name)
+
+    def bytes(self, name: str, content: bytes) -> None:
+        """Write a file."""
+        write_drawing(self.place(name), content)
+
+    def text(self, name: str, *texts: str) -> None:
+        """Write a file of text."""
+        write_page(self.place(name), "".join(texts))
+
+    def json(self, name: str, content: Facts) -> None:
+        """Write a file of JSON."""
+        write_json(self.place(name), content)
 
 
 @documents(ExportOptions)
@@ -90,68 +152,66 @@ def export(
 ) -> Exported:
     """Write a dataset to ``out``, all of it or nothing, with README.md.
 
-    folder : that `dataset run` made.  format : one of WRITERS.  progress : called with (steps done, steps in all).
+    folder : that `dataset run` made.  format : a name of FORMATS.  progress : called with (samples done, in all).
     Raises InputError; DiskFull where the disk takes no more.
     """
-    if format not in WRITERS:
-        raise InputError(
-            f"format is {format!r}; it must be one of {', '.join(WRITERS)}.{nearest(format, WRITERS)}"
-        )
     chosen = _options_of(format, options)
     dataset = Dataset(folder, chosen["split"])
     if not len(dataset):
         raise InputError(
             f"{dataset.folder} has no samples; make them with `mitsuba-sensor dataset run`."
         )
-    if not isinstance(dataset.folder, Path):
-        raise InputError(
-            f"{dataset.folder} is in an object store; an export reads a folder of this machine: copy it first."
-        )
-    if format == "webdataset":
-        refuse_own_shards(dataset, options)
     if Path(out).absolute().is_relative_to(dataset.folder.absolute()):
         raise InputError(f"{out} is in the dataset itself; give a folder elsewhere.")
-    missing = missing_samples(dataset.folder)
+    missing = _missing(dataset)
     if missing and not chosen["incomplete"]:
-        raise InputError(REFUSED_INCOMPLETE.format(folder=dataset.folder, missing=missing))
-    file, done, total = read_dataset(dataset.folder / FILE), 0, 2 * len(dataset)
-
-    def step() -> None:
-        nonlocal done
-        done += 1
-        progress(done, total)
-
+        raise InputError(
+            f"{dataset.folder} is not complete: {missing}; `mitsuba-sensor dataset run FILE.toml -o {dataset.folder}` "
+            f"makes them, `dataset status {dataset.folder}` says which could not be made, and --incomplete exports the "
+            "other samples."
+        )
+    for shard in dataset.store.finished().values():
+        if not dataset.store.is_sound(shard):
+            raise dataset.store.changed(shard.name)
+    file = read_dataset_text(dataset.store.require_record().text)
     about = {"dataset": file.name, "format": format}
     with appearing_folder(Path(out), chosen["force"], about) as scratch:
-        job = Job(dataset, scratch, chosen, step, file)
+        job = Job(dataset, scratch, chosen, file, progress)
         if missing:
-            job.remarks.append(missing)
-        how = WRITERS[format](job)
-        _write_card(job, dataset.folder, dataset.lines, how)
-    return Exported(len(dataset) - len(job.left_out), job.remarks)
+            job.remark(missing)
+        how = import_module(f".{format}", __package__).write(job)
+        notes = [f"{remark[0].upper()}{remark[1:]}." for remark in job.remarks]
+        lines = [line for line in dataset.table if line.key not in job.left_out]
+        write_card(scratch, dataset.store, lines, file, job.licence, how, notes)
+    return Exported(len(lines), job.remarks)
 
 
-def _options_of(format: str, given: ExportOptions) -> Facts:
+def _options_of(name: str, given: ExportOptions) -> Facts:
     """All options, with the defaults of this format. Raises InputError for one that it does not take."""
+    formats = {row.name: row for row in FORMATS}
+    if name not in formats:
+        raise InputError(
+            f"format is {name!r}; it must be one of {', '.join(formats)}.{nearest(name, formats)}"
+        )
+    row = formats[name]
     chosen: Facts = {**complete(ExportOptions, given)}
-    for name, formats in TAKEN_BY.items():
-        if chosen[name] is not None and format not in formats:
+    for option in ("arrays", "shard_mb", "images"):
+        if chosen[option] is not None and option not in row.takes:
+            takers = ", ".join(one.name for one in FORMATS if option in one.takes)
             raise InputError(
-                f"{name} is an option of {', '.join(formats)}, and the format is {format}; leave it out."
+                f"{option} is an option of {takers}, and the format is {name}; omit it."
             )
-    chosen["shard_mb"] = chosen["shard_mb"] or SHARD_MB.get(format)
-    chosen["images"] = chosen["images"] or OF_PICTURES.get(format)
-    return chosen
+    if row.needs and find_spec(row.needs) is None:
+        raise InputError(
+            f"{row.needs}, which {name} needs, is not installed; pip install 'mitsuba-sensor[{name}]'."
+        )
+    defaults = {"shard_mb": row.shard_mb, "images": row.images}
+    return chosen | {x: value for x, value in defaults.items() if chosen[x] is None}
 
 
-def _write_card(job: Job, folder: Path, lines: Sequence[Line], how: str) -> None:
-    """README.md of the samples that the export has.  folder : of the dataset.  how : code that reads the export."""
-    if job.left_out:
-        lines = [line for line in lines if line.key not in job.left_out]
-    known = summary(folder, lines, job.file, job.step)
-    for _ in job.left_out:
-        job.step()
-    notes = [*known.notes, *(f"{remark[0].upper()}{remark[1:]}." for remark in job.remarks)]
-    how_to_read = how or known.how_to_read
-    facts = replace(known, licence=job.licence, notes=notes, how_to_read=how_to_read)
-    write_card(job.folder, facts)
+def _missing(dataset: Dataset) -> str:
+    """How many samples of a dataset are missing, for a sentence; empty where it is complete."""
+    planned, there = dataset.store.require_record().samples, len(Dataset(dataset.folder))
+    if there >= planned:
+        return ""
+    return f"{planned - there} of {planned} samples are missing"

@@ -1,13 +1,14 @@
-"""HDF5: SPLIT.h5 with a group for each sample, its arrays with units, and the spectral irradiance of its view."""
+"""HDF5: SPLIT.h5 with a group for each sample, its arrays with units, and the spectral irradiance of its light."""
 
 from __future__ import annotations
 
-from ...files.hdf5 import Hdf5Writer, hdf5_writer
-from ...files.whole_folder import inside
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from ...files.hdf5 import new_hdf5
 from ...output.exr import read_irradiance_exr
-from ..read.reader import IMAGES, Sample
-from ..store.entry_files import checked, require_file
-from .job import IRRADIANCE, Job, checked_array, facts_of, facts_text_of
+from ..read import FACTS, IMAGES, Sample
+from .export import Job
 
 HOW = """import h5py
 
@@ -27,57 +28,62 @@ UNITS = {
     "flow_px": "px",
 }
 """Array → its unit; others are numbers without one."""
-LEVELS = ("black_level_dn", "white_level_dn", "exposure_s")
-"""Of sample.json, that are attributes beside the values of the sample."""
 
 
-def write_hdf5(job: Job) -> str:
-    """Write a file for each split, with samples/KEY and views/KEY. Returns how to read."""
-    name = ""
-    for split in sorted({sample.split for sample in job.samples}):
-        name = f"{split or 'all'}.h5"
-        with hdf5_writer(inside(job.folder, name)) as file:
+def write(job: Job) -> str:
+    """Write a file for each split, with samples/KEY and lights/TASK. Returns how to read."""
+    for split, samples in job.splits().items():
+        place = job.place(f"{split or 'all'}.h5")
+        with new_hdf5(place) as file:
             about = {"title": job.title, "licence": job.licence, "split": split}
-            file.add_group("samples", about)
-            views = set[str]()
-            for sample in job.samples:
-                if sample.split == split:
-                    _add(job, file, sample, views)
-                    job.step()
-    return HOW.format(file=name)
+            file.create_group("samples", track_order=True).attrs.update(about)
+            for sample in samples:
+                _add(job, file, sample)
+                job.done()
+    return HOW.format(file=place.name)
 
 
-def _add(job: Job, file: Hdf5Writer, sample: Sample, views: set[str]) -> None:
-    """A sample, and its view if that is not among ``views`` yet."""
-    facts, place = facts_of(sample), f"samples/{sample.key}"
-    about = {name: facts["image"][name] for name in LEVELS}
-    gain = {"system_gain_dn_per_e": facts["system_gain_dn_per_e"]}
-    file.add_group(place, {"split": sample.split, **sample.values, **about, **gain})
-    for name in job.arrays_of(sample, (*IMAGES, IRRADIANCE)):
-        if name != IRRADIANCE:
-            unit = UNITS.get(name, "1")
-            file.add_array(f"{place}/{name}", checked_array(sample, name), unit)
-            continue
-        view = f"views/{facts['view']['key']}"
-        if view not in views:
-            views.add(view)
-            add_light(file, view, sample)
-        file.add_link(f"{place}/light", view)
-    file.add_text(f"{place}/sample_json", facts_text_of(sample))
+def _add(job: Job, file: Any, sample: Sample) -> None:
+    """A sample; its light is a group that the samples of a task share, which has another name in each."""
+    group, image = (
+        file.create_group(f"samples/{sample.key}", track_order=True),
+        sample.facts["image"],
+    )
+    levels = {name: image[name] for name in ("exposure_s", "black_level_dn", "white_level_dn")}
+    levels["system_gain_dn_per_e"] = sample.facts["system_gain_dn_per_e"]
+    group.attrs.update(_flat({"split": sample.split, **sample.values, **levels}))
+    has_light = not job.options["arrays"] and sample.has("irradiance.exr")
+    for name in job.arrays_of(sample, IMAGES):
+        array = group.create_dataset(name, data=sample.read(name))
+        array.attrs["units"] = UNITS.get(name, "1")
+    if has_light:
+        place = f"lights/{sample.task}"
+        if place not in file:
+            _add_light(file.create_group(place), sample)
+        group["light"] = file[place]
+    group.create_dataset("sample_json", data=sample.content(FACTS).decode())
 
 
-def add_light(file: Hdf5Writer, place: str, sample: Sample) -> None:
-    """The spectral irradiance of a view, and its wavelengths."""
-    file_name = f"{IRRADIANCE}.exr"
-    require_file(sample.view_files, file_name, IRRADIANCE)
-    checked(sample.view_files, file_name)
-    with sample.view_files.opened(file_name) as path:
+def _add_light(group: Any, sample: Sample) -> None:
+    """The spectral irradiance of a light, and its wavelengths."""
+    with sample.opened("irradiance.exr") as path:
         light = read_irradiance_exr(path)
-    unit = "W m-2 nm-1"
-    if light.filters:
-        unit = "W m-2"
-    file.add_group(place, {"filters": light.filters})
-    file.add_array(f"{place}/{IRRADIANCE}", light.data, unit)
-    file.add_array(f"{place}/standard_error", light.standard_error, unit)
-    file.add_array(f"{place}/wavelengths_nm", light.wavelengths_nm, "nm")
-    file.add_array(f"{place}/bandwidths_nm", light.bandwidths_nm, "nm")
+    unit = "W m-2" if light.filters else "W m-2 nm-1"
+    group.attrs.update(_flat({"filters": light.filters}))
+    arrays = {
+        "irradiance": (light.data, unit),
+        "standard_error": (light.standard_error, unit),
+        "wavelengths_nm": (light.wavelengths_nm, "nm"),
+        "bandwidths_nm": (light.bandwidths_nm, "nm"),
+    }
+    for name, (array, units) in arrays.items():
+        group.create_dataset(name, data=array).attrs["units"] = units
+
+
+def _flat(values: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
+    """Attributes; those of a table have its name and a dot before theirs, and None has no attribute."""
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{name}.")
+        elif value is not None:
+            yield f"{prefix}{name}", value

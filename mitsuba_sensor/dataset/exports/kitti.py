@@ -1,24 +1,18 @@
 """KITTI's odometry benchmark: sequences/00/image_0/000000.png, times.txt, calib.txt, and poses/00.txt.
 
-The middle of the upper left pixel is (0, 0); cameras are right, down, forward. Poses are those of the first camera,
-seen from its first frame. calib.txt has P0, P1, …, from points before the first camera [m] to pixels of a camera
-without distortion; calib_cam_to_cam.txt is that of KITTI's raw data, with the distortion of the pictures as they are.
+The middle of the upper left pixel is (0, 0). Poses are those of the first camera, seen from its first frame.
+calib.txt has P0, P1, …, from points before the first camera [m] to pixels of a camera without distortion;
+calib_cam_to_cam.txt is that of KITTI's raw data, with the distortion of the pictures as they are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core import Float64Array, InputError
-from ...files.texts import write_json, write_page
-from ...files.whole_folder import inside
-from ...optics.calibration import Calibration
-from ..read.reader import Sample
-from .job import Job
-from .sequences import ImageSequence, SequenceCamera, sequences
+from ...core import InputError
+from .export import Job
+from .poses import ImageSequence, sequences
 
 HOW = """import pykitti
 
@@ -26,68 +20,55 @@ sequence = pykitti.odometry("DIR", "00")  # the folder of this file; sequences.j
 print(sequence.calib.P_rect_00, sequence.timestamps[0], sequence.poses[0], sequence.cam0_files[0])
 """
 CAMERAS = 4
-"""That readers ask for: those that a sequence does not have are said to be its first one."""
+"""Cameras that readers ask for; missing ones get the numbers of the first one."""
 
 
-def write_kitti(job: Job) -> str:
+def write(job: Job) -> str:
     """Write all sequences, and sequences.json, which says what each one is. Returns how to read."""
     about = {}
-    for sequence in sequences(job):
-        name = f"{sequence.number:02d}"
-        for number, camera in enumerate(sequence.cameras):
-            for frame, (sample, _) in enumerate(camera.frames):
-                _place_png(job, sample, f"sequences/{name}/image_{number}/{frame:06d}")
-                job.step()
-        poses = sequence.poses
-        start = np.linalg.inv(poses[0])
-        texts = {
-            f"sequences/{name}/times.txt": map(_row, sequence.times_s[:, None]),
-            f"sequences/{name}/calib.txt": projections(sequence),
-            f"sequences/{name}/calib_cam_to_cam.txt": _cameras(sequence),
-            f"poses/{name}.txt": (_row((start @ pose)[:3]) for pose in poses),
-        }
-        for place, lines in texts.items():
-            write_page(inside(job.folder, place), "".join(f"{line}\n" for line in lines))
+    for number, sequence in enumerate(sequences(job)):
+        name = f"{number:02d}"
+        for camera, frames in enumerate(sequence.cameras.values()):
+            for place, (sample, *_) in enumerate(frames):
+                picture = job.picture(sample, f"sequences/{name}/image_{camera}/{place:06d}")
+                if not picture.endswith(".png"):
+                    raise InputError(
+                        f"raw frames of {sample.values.get('camera')} have more than 16 bits, and readers of KITTI "
+                        "look for PNGs; take --images preview, or euroc, which has TIFFs of them."
+                    )
+        start = np.linalg.inv(sequence.poses[0])
+        job.text(f"sequences/{name}/times.txt", *(_row("", [x]) for x in sequence.times_s))
+        calib, cameras = calibrations(sequence)
+        job.text(f"sequences/{name}/calib.txt", calib)
+        job.text(f"sequences/{name}/calib_cam_to_cam.txt", cameras)
+        poses = [_row("", (start @ pose)[:3]) for pose in sequence.poses]
+        job.text(f"poses/{name}.txt", *poses)
         about[name] = sequence.facts()
-    write_json(inside(job.folder, "sequences.json"), about)
+    job.json("sequences.json", about)
     return HOW
 
 
-def _place_png(job: Job, sample: Sample, stem: str) -> None:
-    """Write the picture of a sample. Raises InputError for one that is no PNG, which readers do not find."""
-    if not job.place_picture(sample, stem).endswith(".png"):
-        raise InputError(
-            f"raw frames of {sample.values.get('camera')} have more than 16 bits, and readers of KITTI look for PNGs; "
-            "take --images preview, or euroc, which has TIFFs of them."
-        )
+def calibrations(sequence: ImageSequence) -> tuple[str, str]:
+    """The texts of calib.txt, in which Tr is a laser scanner at the place of the first camera, and of
+    calib_cam_to_cam.txt: size, matrix, distortion k1 k2 p1 p2 k3, and pose of each camera, first one to it."""
+    projections, cameras = list[str](), list[str]()
+    for number, (name, frames) in enumerate(sequence.cameras.items()):
+        calibration = frames[0].calibration
+        from_first = np.linalg.inv(sequence.pose_in_first(name))
+        projections.append(_row("", calibration.matrix @ from_first[:3]))
+        facts = {
+            "S": (calibration.columns, calibration.rows),
+            "K": calibration.matrix,
+            "D": calibration.distortion,
+            "R": from_first[:3, :3],
+            "T": from_first[:3, 3],
+        }
+        cameras += [_row(f"{letter}_{number:02d}: ", value) for letter, value in facts.items()]
+    projections += projections[:1] * (CAMERAS - len(projections))
+    lines = [f"P{number}: {line}" for number, line in enumerate(projections)]
+    return "".join([*lines, _row("Tr: ", np.eye(4)[:3])]), "".join(cameras)
 
 
-def projections(sequence: ImageSequence) -> Iterable[str]:
-    """calib.txt.  Tr : of the laser scanner, which is none and at the first camera."""
-    cameras = [*sequence.cameras]
-    cameras += [cameras[0]] * (CAMERAS - len(cameras))
-    for number, camera in enumerate(cameras):
-        from_first = np.linalg.inv(sequence.beside_first(camera))[:3]
-        yield f"P{number}: {_row(_calibration(camera).matrix @ from_first)}"
-    yield f"Tr: {_row(np.eye(4)[:3])}"
-
-
-def _cameras(sequence: ImageSequence) -> Iterable[str]:
-    """calib_cam_to_cam.txt: size, matrix, distortion k1 k2 p1 p2 k3, and pose of each camera, first one to it."""
-    for number, camera in enumerate(sequence.cameras):
-        calibration = _calibration(camera)
-        from_first = np.linalg.inv(sequence.beside_first(camera))
-        yield f"S_{number:02d}: {calibration.columns} {calibration.rows}"
-        yield f"K_{number:02d}: {_row(calibration.matrix)}"
-        yield f"D_{number:02d}: {_row(calibration.distortion)}"
-        yield f"R_{number:02d}: {_row(from_first[:3, :3])}"
-        yield f"T_{number:02d}: {_row(from_first[:3, 3])}"
-
-
-def _calibration(camera: SequenceCamera) -> Calibration:
-    return camera.frames[0].image.calibration
-
-
-def _row(values: ArrayLike | Float64Array) -> str:
+def _row(name: str, values: ArrayLike) -> str:
     """Numbers with all their digits, row by row."""
-    return " ".join(repr(float(value)) for value in np.ravel(values))
+    return f"{name}{' '.join(repr(float(value)) for value in np.ravel(values))}\n"

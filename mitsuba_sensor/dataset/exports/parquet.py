@@ -8,18 +8,16 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator, Mapping
 from pathlib import PurePath
 
 from ...core import InputError
 from ...files.parquet import Kind, Row
-from ...files.parquet_shards import ParquetShards
-from ...files.tar_shards import npy
-from ...files.whole_folder import inside
-from ..index.part import FIXED, cell_of, kinds_of
-from ..read.previews import PICTURE
-from ..read.reader import IMAGES, Sample
-from ..store.entry_files import checked, require_file
-from .job import Job, checked_array, facts_text_of
+from ...files.parquet_shards import write_parquet_shards
+from ..read import FACTS, IMAGES, PICTURE, Dataset
+from ..table import EXPOSED, PLACES, kinds_of, value_cells
+from .export import Job
+from .webdataset import npy
 
 HOW = """import numpy as np
 from datasets import load_dataset
@@ -30,61 +28,60 @@ for row in rows:
 """
 UNSPLIT = "train"
 """What Hugging Face calls the only split of a data set."""
-MOST_BYTES = 2**31 - 1
-"""Of a value: Arrow counts them with 32 bits."""
-PREVIEW, FACTS = "preview", "sample_json"
+ROW_BYTES_MAX = 2**31 - 1
+"""Arrow counts the bytes of a value with 32 bits."""
+EXPOSURE = ("exposure_s", "black_level_dn", "white_level_dn")
+"""Columns of the entry image of sample.json: as it was exposed."""
 
 
-def write_parquet(job: Job) -> str:
+def write(job: Job) -> str:
     """Write the rows of every split, in the order of the dataset. Returns how to read."""
-    splits = names_of_splits(sorted({sample.split for sample in job.samples}))
-    arrays = job.arrays_of(job.samples[0])
-    kinds: dict[str, Kind] = {"key": "text", "split": "text"}
-    for name in arrays:
-        kinds[name] = "image" if name in IMAGES else "bytes"
+    splits, arrays = names_of_splits(job.samples.splits), job.arrays_of(job.samples[0])
+    skipped = (*PLACES, *EXPOSED, "exposure_s (text)")
+    kinds: dict[str, Kind] = {"key": "text", "split": "text", "gain": "text"}
+    kinds |= dict.fromkeys((*EXPOSURE, "system_gain_dn_per_e"), "number")
+    kinds |= {x: kind for x, kind in kinds_of(job.file).items() if x not in skipped}
+    files = {name: IMAGES.get(name, "") for name in arrays}
     if "preview" in job.file.outputs:
-        kinds[PREVIEW] = "image"
-    of_values = {name: kind for name, kind in kinds_of(job.file).items() if name not in FIXED}
-    kinds = {**kinds, **of_values, FACTS: "text"}
-    images = {name: {"_type": "Image"} for name, kind in kinds.items() if kind == "image"}
+        files["preview"] = PICTURE
+    kinds |= {name: "image" if file else "bytes" for name, file in files.items()}
+    kinds["sample_json"] = "text"
+    images = {name: {"_type": "Image"} for name, file in files.items() if file}
     about = {"huggingface": json.dumps({"info": {"features": images}})}
-    most_bytes = job.options["shard_mb"] * 10**6
-    for split, name in splits.items():
-        folder = inside(job.folder, f"data/{name}").parent
-        with ParquetShards(folder, name, kinds, about, most_bytes) as shards:
-            for sample in job.samples:
-                if sample.split == split:
-                    shards.add(*_row(sample, kinds))
-                    job.step()
-    return HOW.format(split=splits[next(iter(splits))], array=arrays[0])
-
-
-def _row(sample: Sample, kinds: dict[str, Kind]) -> tuple[Row, int]:
-    """A sample as a row, and the bytes of its images and arrays."""
-    row: Row = {"key": sample.key, "split": sample.split, FACTS: facts_text_of(sample)}
-    for name, value in sample.values.items():
-        column, cell = cell_of(name, value, kinds)
-        row[column] = cell
-    size = 0
-    for name, kind in kinds.items():
-        if kind == "image":
-            file = PICTURE if name == PREVIEW else IMAGES[name]
-            require_file(sample.files, file, name)
-            content = checked(sample.files, file)
-            row[name] = {
-                "bytes": content,
-                "path": f"{sample.key}.{name}{PurePath(file).suffix}",
-            }
-            size += len(content)
-        elif kind == "bytes":
-            row[name] = npy(checked_array(sample, name))
-            size += len(row[name])
-    if size > MOST_BYTES:
-        raise InputError(
-            f"sample {sample.key} has {size} bytes of images, and a row of Parquet {MOST_BYTES} at most; name fewer "
-            "with --array, or export to webdataset or hdf5."
+    for split, samples in job.splits().items():
+        folder, rows = (
+            job.place(f"data/{splits[split]}").parent,
+            _rows(job, samples, kinds, files),
         )
-    return row, size
+        write_parquet_shards(folder, splits[split], kinds, about, rows, job.shard_bytes)
+    return HOW.format(split=splits[split], array=arrays[0])
+
+
+def _rows(
+    job: Job, samples: Dataset, kinds: Mapping[str, Kind], files: Mapping[str, str]
+) -> Iterator[tuple[Row, int]]:
+    """Samples as rows, and the bytes of their images and arrays.  files : array → its file, if it has one."""
+    for sample in samples:
+        facts, size = sample.facts, 0
+        row: Row = {"gain": facts["config"]["gain"], **value_cells(sample.values, kinds)}
+        if kinds["gain"] == "text" and row["gain"] is not None:
+            row["gain"] = str(row["gain"])
+        row |= {name: facts["image"][name] for name in EXPOSURE}
+        row |= {"key": sample.key, "split": sample.split}
+        row["system_gain_dn_per_e"] = facts["system_gain_dn_per_e"]
+        row["sample_json"] = sample.content(FACTS).decode()
+        for name, file in files.items():
+            content = sample.content(file, name) if file else npy(sample.read(name))
+            path = f"{sample.key}.{name}{PurePath(file).suffix}"
+            row[name] = {"bytes": content, "path": path} if file else content
+            size += len(content)
+        if size > ROW_BYTES_MAX:
+            raise InputError(
+                f"sample {sample.key} has {size} bytes of images, and a row of Parquet {ROW_BYTES_MAX} at most; name "
+                "fewer with --array, or export to webdataset or hdf5."
+            )
+        yield {name: x for name, x in row.items() if name in kinds}, size
+        job.done()
 
 
 def names_of_splits(splits: list[str]) -> dict[str, str]:

@@ -1,37 +1,96 @@
-"""Pictures with the camera that made them and its pose, in the axes of other programs.
+"""Where pictures were taken: calibrations and poses, samples of one world, and sequences of cameras over time.
 
-COLMAP and nerfstudio have the middle of the upper left pixel at (0.5, 0.5), OpenCV and our intrinsics at (0, 0).
+A pose is 4 × 4, from a camera (x right, y down, z forward) to the world [m]; pixel (0, 0) is the middle of the upper
+left.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...core import Float64Array, InputError
-from ...optics.calibration import Calibration
+from ...optics.calibration import Calibration, calibration_of
+from ..keys import Config, Facts, canonical
+from ..read import Sample
 
-TO_OPENCV, TO_OPENGL = (-1.0, -1.0, 1.0), (-1.0, 1.0, -1.0)  # from left, up, forward
-SCALE_TOLERANCE = 1e-4  # accepts a matrix that is printed with five digits
+if TYPE_CHECKING:
+    from .export import Job
+
+WORLD_SETTINGS = ("scene", "parameters", "traverse", "motion", "scene_unit")
+"""Settings of a render that decide what its world space is."""
+FRAME_SETTINGS = ("view", "time_s", "pose", "camera", "sensor")
+"""Values that differ within a sequence."""
+SCALE_TOLERANCE = 1e-4
+"""Accepts a matrix that is printed with five digits."""
+FRAME_PERIOD_S = 0.1
+"""Between frames of a scene whose views have no times: that of KITTI's cameras."""
+RIG_TOLERANCE = 1e-5
+"""How much a camera of a rigid rig may move relative to the first one [m, rad]."""
+POSE_DECIMALS = 12
+"""Cameras at one place are not 1e-17 m apart."""
 
 
-@dataclass(frozen=True, eq=False)
-class PosedImage:
-    """A picture, the camera that made it and from where.
+class Posed(NamedTuple):
+    """A sample, the calibration of its camera, and its pose."""
 
-    name : of its file, relative to the folder of the export.
-    pose : 4 × 4, camera to world [m]; the columns are left, up, forward and the position.
-    """
-
-    name: str
+    sample: Sample
     calibration: Calibration
     pose: Float64Array
 
 
+Rig: TypeAlias = Mapping[str, Sequence[Posed]]
+"""Camera → its frames, of which those of the same place in the list were taken at once."""
+
+
+@dataclass(frozen=True)
+class ImageSequence:
+    """Frames of one or several cameras at the same times.
+
+    scene : name of the world that the poses are in.  values : settings that all frames have in common.
+    """
+
+    scene: str
+    values: Config
+    times_s: Float64Array
+    cameras: Rig
+
+    @property
+    def poses(self) -> list[Float64Array]:
+        """Of each frame of the first camera."""
+        return [frame.pose for frame in next(iter(self.cameras.values()))]
+
+    def pose_in_first(self, camera: str) -> Float64Array:
+        """4 × 4, from a camera to the first camera."""
+        relative = np.linalg.inv(self.poses[0]) @ self.cameras[camera][0].pose
+        return np.asarray(np.round(relative, POSE_DECIMALS) + 0.0)  # no −0
+
+    def facts(self) -> Facts:
+        """What no file of other programs holds: settings, and key, split and time of each frame of each camera."""
+        cameras = []
+        for name, frames in self.cameras.items():
+            samples = [frame.sample for frame in frames]
+            times = [{n: x for n, x in one.values.items() if n == "time_s"} for one in samples]
+            about = [
+                {"key": one.key, "split": one.split, **time}
+                for one, time in zip(samples, times, strict=True)
+            ]
+            cameras.append({"camera": name, "frames": about})
+        return {
+            "scene": self.scene,
+            "values": self.values,
+            "world_from_first_camera": self.poses[0].tolist(),
+            "cameras": cameras,
+        }
+
+
 def rigid_pose(to_world: ArrayLike) -> Float64Array:
-    """A pose without its scale. Raises InputError for shear and mirroring, which no other program has in a pose."""
+    """The pose of a scene's camera, whose axes are left, up and forward, without its scale. Raises InputError for shear
+    and mirroring, which no other program has in a pose."""
     pose = np.array(to_world, dtype=np.float64)
     if pose.shape != (4, 4) or not np.isfinite(pose).all():
         raise InputError(
@@ -39,32 +98,124 @@ def rigid_pose(to_world: ArrayLike) -> Float64Array:
         )
     pose[:3, :3] /= np.maximum(np.linalg.norm(pose[:3, :3], axis=0), 1e-300)
     turn = pose[:3, :3]
-    if (
-        not np.allclose(turn.T @ turn, np.eye(3), atol=SCALE_TOLERANCE)
-        or np.linalg.det(turn) < 0
-    ):
+    is_orthogonal = np.allclose(turn.T @ turn, np.eye(3), atol=SCALE_TOLERANCE)
+    if not is_orthogonal or np.linalg.det(turn) < 0:
         raise InputError(
             "the to_world of the scene's sensor shears or mirrors the image, which no pose of other programs can say; "
             'leave out a <scale x="-1"/>.'
         )
-    return pose
+    return pose @ np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
-def camera_to_world(pose: ArrayLike, axes: tuple[float, float, float]) -> Float64Array:
-    """4 × 4 from a camera with other axes.  axes : TO_OPENCV (right, down, forward), TO_OPENGL (right, up, back)."""
-    return rigid_pose(pose) @ np.diag([*axes, 1.0])
+def quaternion(rotation: Float64Array) -> list[float]:
+    """w, x, y, z of a rotation matrix."""
+    import scipy
+
+    turn = scipy.spatial.transform.Rotation.from_matrix(rotation)
+    x, y, z, w = turn.as_quat(canonical=True).tolist()
+    return [w, x, y, z]
 
 
-def world_to_camera(pose: ArrayLike) -> tuple[Float64Array, Float64Array]:
-    """R (3 × 3) and t (3) of OpenCV and COLMAP: x_camera = R·x_world + t [m]."""
-    matrix = camera_to_world(pose, TO_OPENCV)
-    turn = matrix[:3, :3].T
-    return turn, -turn @ matrix[:3, 3]
+def worlds(job: Job) -> dict[str, list[Posed]]:
+    """Posed samples by their world: SCENE, or SCENE/001, … of a scene with variants. Samples without a pose or
+    calibration that other programs can read are left out. Raises InputError where none remains."""
+    groups: dict[tuple[str, str], list[Posed]] = {}
+    unposed: dict[tuple[str, str], list[Sample]] = {}
+    for sample in job.samples:
+        facts = sample.facts_once()
+        scene, config, light = facts["view"]["scene"], facts["view"]["config"], facts["light"]
+        try:
+            pitch_um = facts["config"]["camera"]["pixel"]["pitch_x_um"]
+            calibration = calibration_of(light["intrinsics"], pitch_um)
+            posed = Posed(sample, calibration, rigid_pose(light["camera_to_world"]))
+        except ValueError as error:  # InputError, or what SciPy says of a table
+            unposed.setdefault((scene, str(error)), []).append(sample)
+            continue
+        variant = canonical({name: config.get(name) for name in WORLD_SETTINGS})
+        groups.setdefault((scene, variant), []).append(posed)
+    for (scene, why), samples in unposed.items():
+        job.leave_out(samples, f"scene {scene}", why)
+    if not groups:
+        raise InputError(f"no sample can be exported; {'; '.join(job.remarks)}.")
+    variants = [scene for scene, _ in groups]
+    named: dict[str, list[Posed]] = {}
+    for (scene, _), group in groups.items():
+        number = sum(name.startswith(f"{scene}/") for name in named) + 1
+        named[scene if variants.count(scene) == 1 else f"{scene}/{number:03d}"] = group
+    return named
 
 
-def yaml_number(value: float) -> str:
-    """A number that every reader of YAML 1.1 takes for one: with a point, also before an exponent."""
-    text = repr(float(value))
-    if "e" in text and "." not in text:
-        return text.replace("e", ".0e")
-    return text
+def sequences(job: Job) -> list[ImageSequence]:
+    """All sequences of a dataset. Times that not every camera of a sequence has are left out, and samples that no
+    calibration can describe; remarks say which. Raises InputError where none remains."""
+    found = list[ImageSequence]()
+    for world, posed in worlds(job).items():
+        for cameras in _same_settings(posed):
+            if set.intersection(*map(set, cameras.values())):
+                found += _sequences_of(job, world, cameras)
+            else:
+                for name, frames in cameras.items():
+                    found += _sequences_of(job, world, {name: frames})
+    return found
+
+
+def _same_settings(samples: Sequence[Posed]) -> list[dict[str, dict[int, Posed]]]:
+    """Samples with equal settings but for pose and camera, by camera and view. Those that have even these in common,
+    random draws for example, are in groups of their own."""
+    groups: dict[tuple[str, int], dict[str, dict[int, Posed]]] = {}
+    for posed in samples:
+        values = posed.sample.values
+        settings = canonical({n: x for n, x in values.items() if n not in FRAME_SETTINGS})
+        camera = f"{values.get('camera')} {values.get('sensor', '')}".rstrip()
+        view, number = values.get("view", 0), 0
+        while view in groups.get((settings, number), {}).get(camera, {}):
+            number += 1
+        groups.setdefault((settings, number), {}).setdefault(camera, {})[view] = posed
+    return [*groups.values()]
+
+
+def _sequences_of(
+    job: Job, world: str, cameras: Mapping[str, Mapping[int, Posed]]
+) -> list[ImageSequence]:
+    """One sequence of the views that all cameras have, in the order of time; one for each camera where they do not keep
+    their places relative to each other."""
+    views = sorted(set.intersection(*map(set, cameras.values())))
+    first = next(iter(cameras.values()))
+    values = first[views[0]].sample.values
+    times = [first[view].sample.values.get("time_s") for view in views]
+    if None in times or len({*times}) < len(times):
+        times_s = FRAME_PERIOD_S * np.array(views, float)
+        if len(views) > 1:
+            scene = values.get("scene")
+            job.remark(
+                f"views of scene {scene} have no times of their own: its frames are {FRAME_PERIOD_S:g} s apart"
+            )
+    else:
+        order = np.argsort(times)
+        times_s = np.array(times, float)[order]
+        times_s, views = times_s - times_s[0], [views[place] for place in order]
+    rest = [
+        x.sample
+        for frames in cameras.values()
+        for view, x in frames.items()
+        if view not in views
+    ]
+    if rest:
+        job.leave_out(rest, f"scene {values.get('scene')}", "not every camera has these views")
+    rig = {name: [frames[view] for view in views] for name, frames in cameras.items()}
+    common = {name: x for name, x in values.items() if name not in FRAME_SETTINGS}
+    if _is_rigid(rig):
+        return [ImageSequence(world, common, times_s, rig)]
+    job.remark(
+        f"cameras of {world} do not keep their places beside each other: each has a sequence of its own"
+    )
+    return [
+        ImageSequence(world, common, times_s, {name: frames}) for name, frames in rig.items()
+    ]
+
+
+def _is_rigid(rig: Rig) -> bool:
+    """Return True if the cameras keep their places relative to the first one."""
+    poses = np.array([[frame.pose for frame in frames] for frames in rig.values()])
+    relative = np.linalg.inv(poses[0]) @ poses
+    return bool(np.abs(relative - relative[:, :1]).max() <= RIG_TOLERANCE)

@@ -5,16 +5,13 @@ ROS has OpenCV's convention: the middle of the upper left pixel is (0, 0); the m
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ...core import Float64Array
-from ...files.texts import write_json, write_page
-from ...files.whole_folder import inside
+from ...files.texts import yaml_text
 from ...optics.calibration import Calibration
-from .job import Job
-from .poses import yaml_number
+from .export import Job
+from .poses import worlds
 
 HOW = """import yaml
 
@@ -23,46 +20,36 @@ with open("camera_1.yaml") as file:
 """
 
 
-def camera_info(calibration: Calibration, name: str) -> str:
-    """The text of the file.  name : of the camera.  The pose is no part of it; ROS has it in the tree of frames."""
-    projection = np.hstack([calibration.matrix, np.zeros((3, 1))])
-    return "\n".join(
-        [
-            f"image_width: {calibration.columns}",
-            f"image_height: {calibration.rows}",
-            f"camera_name: {json.dumps(name)}",
-            *_matrix("camera_matrix", calibration.matrix),
-            "distortion_model: plumb_bob",
-            *_matrix("distortion_coefficients", np.array([calibration.distortion])),
-            *_matrix("rectification_matrix", np.eye(3)),
-            *_matrix("projection_matrix", projection),
-            "",
-        ]
-    )
-
-
-def _matrix(name: str, value: Float64Array) -> list[str]:
-    rows, columns = value.shape
-    return [
-        f"{name}:",
-        f"  rows: {rows}",
-        f"  cols: {columns}",
-        f"  data: [{', '.join(map(yaml_number, value.ravel()))}]",
-    ]
-
-
-def write_ros(job: Job) -> str:
-    """Write camera_1.yaml, …, one for each calibration, and samples.json, which says which samples have it. Returns how
+def write(job: Job) -> str:
+    """Write camera_1.yaml, …, one for each calibration, and samples.json, which lists the samples of each. Returns how
     to read."""
-    found: dict[Calibration, list[str]] = {}
-    for samples in job.worlds().values():
-        for sample, image in samples:
-            found.setdefault(image.calibration, []).append(sample.key)
-            job.step()
-    names = [f"camera_{number}" for number in range(1, len(found) + 1)]
-    for name, calibration in zip(names, found, strict=True):
-        write_page(inside(job.folder, f"{name}.yaml"), camera_info(calibration, name))
-    write_json(
-        inside(job.folder, "samples.json"), dict(zip(names, found.values(), strict=True))
-    )
+    keys: dict[Calibration, list[str]] = {}
+    for samples in worlds(job).values():
+        job.done(len(samples))
+        for posed in samples:
+            keys.setdefault(posed.calibration, []).append(posed.sample.key)
+    named = {f"camera_{number}": one for number, one in enumerate(keys, 1)}
+    for name, calibration in named.items():
+        job.text(f"{name}.yaml", camera_info(calibration, name))
+    job.json("samples.json", {name: keys[one] for name, one in named.items()})
     return HOW
+
+
+def camera_info(calibration: Calibration, name: str) -> str:
+    """The text of the file.  The pose is no part of it; ROS has it in the tree of frames."""
+    entries: dict[str, object] = {
+        "image_width": calibration.columns,
+        "image_height": calibration.rows,
+        "camera_name": name,
+        "camera_matrix": _matrix(calibration.matrix),
+        "distortion_model": "plumb_bob",
+        "distortion_coefficients": _matrix([calibration.distortion]),
+        "rectification_matrix": _matrix(np.eye(3)),
+        "projection_matrix": _matrix(np.hstack([calibration.matrix, np.zeros((3, 1))])),
+    }
+    return yaml_text(entries)
+
+
+def _matrix(values: ArrayLike) -> dict[str, object]:
+    rows, columns = np.shape(values)
+    return {"rows": rows, "cols": columns, "data": np.ravel(values).tolist()}

@@ -1,18 +1,17 @@
-"""WebDataset shards: SPLIT-000000.tar with KEY.json, KEY.png and an array KEY.NAME.npy for each that is asked for."""
+"""WebDataset shards by split: SPLIT-000000.tar with KEY.json, KEY.png and an array KEY.NAME.npy for each asked for.
+
+The shards of a dataset are in WebDataset's layout themselves; these have arrays that need no reader of TIFFs.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
+import io
 
-from ...core import InputError
-from ...files.tar_shards import TarShards, npy
-from ..options import ExportOptions
-from ..read.previews import PICTURE
-from ..read.reader import Dataset, Sample
-from ..store.entry_files import checked
-from ..store.record import SHARDS
-from .job import Job, checked_array
+import numpy as np
+
+from ..read import FACTS, PICTURE, Sample
+from ..store import member_bytes
+from .export import Job
 
 HOW = """import webdataset as wds
 
@@ -20,45 +19,33 @@ samples = wds.WebDataset("{shards}", shardshuffle=False).decode()
 for sample in samples:
     print(sample["__key__"], {names}, sample["json"]["values"])
 """
-OF_OTHER_SHARDS = ("split", "arrays", "shard_mb")
-"""Options that ask for other shards than a dataset in shards has."""
+TAR_END = bytes(1024)
 
 
-def refuse_own_shards(dataset: Dataset, options: ExportOptions) -> None:
-    """Raise InputError for a dataset whose own shards are WebDataset's already, unless options ask for others, or it
-    has splits, which are to be apart."""
-    asks = any(options.get(name) is not None for name in OF_OTHER_SHARDS)
-    if asks or dataset.splits != [""] or dataset.lines[0].place is None:
-        return
-    raise InputError(
-        f"{dataset.folder} is in shards, which are in WebDataset's layout: give its readers "
-        f"{dataset.folder}/{SHARDS}/*.tar; --array raw or --shard-mb 500 write others."
-    )
-
-
-def write_shards(job: Job) -> str:
+def write(job: Job) -> str:
     """Write the shards of every split, samples sorted by key: a random order, the same always. Returns how to read."""
-    ends = {}
-    for split in sorted({one.split for one in job.samples}):
-        name = split or "shard"
-        with TarShards(job.folder, name, job.options["shard_mb"] * 10**6) as shards:
-            for sample in sorted(
-                (one for one in job.samples if one.split == split), key=lambda one: one.key
-            ):
-                shards.add(sample.key, files_of(sample, job.arrays_of(sample)))
-                job.step()
-        ends[name] = f"{name}-{{000000..{len(shards.shards) - 1:06d}}}.tar"
-    names = ", ".join(f'sample["{name}.npy"].shape' for name in job.arrays_of(job.samples[0]))
-    return HOW.format(shards=next(iter(ends.values())), names=names)
+    for split, samples in job.splits().items():
+        name, number, content = split or "shard", 0, list[bytes]()
+        for line in sorted(samples.table, key=lambda line: line.key):
+            sample = Sample(samples.store, line)
+            arrays = {f"{x}.npy": npy(sample.read(x)) for x in job.arrays_of(sample)}
+            files = {**arrays, "json": sample.content(FACTS)}
+            if sample.has(PICTURE):
+                files["png"] = sample.content(PICTURE)
+            members = b"".join(member_bytes(f"{sample.key}.{x}", y) for x, y in files.items())
+            shard_bytes = job.shard_bytes - len(TAR_END)
+            if content and sum(map(len, content)) + len(members) > shard_bytes:
+                job.bytes(f"{name}-{number:06d}.tar", b"".join([*content, TAR_END]))
+                number, content = number + 1, []
+            content.append(members)
+            job.done()
+        job.bytes(f"{name}-{number:06d}.tar", b"".join([*content, TAR_END]))
+    names = ", ".join(f'sample["{x}"].shape' for x in arrays)
+    return HOW.format(shards=f"{name}-{{000000..{number:06d}}}.tar", names=names)
 
 
-def files_of(sample: Sample, arrays: Sequence[str]) -> dict[str, bytes | Path]:
-    """The members of one sample, by extension."""
-    found: dict[str, bytes | Path] = {
-        f"{name}.npy": npy(checked_array(sample, name)) for name in arrays
-    }
-    if sample.files.has(PICTURE):
-        pictures = {"png": checked(sample.files, PICTURE)}
-    else:
-        pictures = {}
-    return {**found, "json": checked(sample.files, "sample.json"), **pictures}
+def npy(array: np.ndarray) -> bytes:
+    """An array as the bytes of a .npy file."""
+    content = io.BytesIO()
+    np.save(content, array, allow_pickle=False)
+    return content.getvalue()

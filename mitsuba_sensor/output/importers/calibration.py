@@ -1,7 +1,8 @@
-"""Geometric calibrations → size and lens distortion of a camera: OpenCV (YAML, XML), ROS camera_info, transforms.json.
+"""Geometric calibrations → size and lens distortion of a camera.
 
-OpenCV and ROS have the middle of the upper left pixel at (0, 0), nerfstudio at (0.5, 0.5). Focal length and principal
-point belong to the sensor of a scene; the description of the camera says the values that it needs.
+OpenCV (YAML, XML), ROS camera_info, EuRoC's sensor.yaml and Kalibr's camchain have the middle of the upper left pixel
+at (0, 0), COLMAP's cameras.txt and nerfstudio's transforms.json at (0.5, 0.5). Focal length and principal point
+belong to the sensor of a scene; the description of the camera says the values that it needs.
 """
 
 from __future__ import annotations
@@ -116,13 +117,93 @@ def _differs(frame: Mapping[str, object], said: Mapping[str, object]) -> bool:
     )
 
 
+KALIBR_MODELS = {"radial-tangential": "plumb_bob", "radtan": "plumb_bob", "none": "plumb_bob"}
+"""Distortion model of EuRoC and Kalibr → that of ROS."""
+COLMAP_MODELS: dict[str, tuple[int, tuple[str, ...]]] = {
+    "SIMPLE_PINHOLE": (1, ()),
+    "PINHOLE": (2, ()),
+    "SIMPLE_RADIAL": (1, ("k1",)),
+    "RADIAL": (1, ("k1", "k2")),
+    "OPENCV": (2, ("k1", "k2", "p1", "p2")),
+    "FULL_OPENCV": (2, ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")),
+    "OPENCV_FISHEYE": (2, FISHEYE),
+}
+"""Model of COLMAP → how many focal lengths it has, and its coefficients."""
+
+
+def read_colmap(text: str, file: str, like: Camera) -> Draft:
+    """The draft of the first camera of COLMAP's cameras.txt. Raises InputError for a model that no lens here has."""
+    lines = [line.split() for line in text.splitlines() if line.strip() and line[0] != "#"]
+    if not lines or len(lines[0]) < 5:
+        raise InputError(
+            f"{file} has no line CAMERA_ID MODEL WIDTH HEIGHT PARAMS; give the cameras.txt of COLMAP."
+        )
+    _, model, width, height, *parameters = lines[0]
+    focal_lengths, names = COLMAP_MODELS[
+        Draft(file, like).choice("MODEL", model, list(COLMAP_MODELS))
+    ]
+    if len(parameters) != focal_lengths + 2 + len(names):
+        raise InputError(
+            f"{file}: {model} has {focal_lengths + 2 + len(names)} numbers, and {len(parameters)} are given."
+        )
+    centre = [
+        Draft(file, like).number(name, value, -MOST, MOST) - HALF_PIXEL
+        for name, value in zip(("cx", "cy"), parameters[focal_lengths:], strict=False)
+    ]
+    focal = [*parameters[:focal_lengths], parameters[0]][:2]
+    entries = {
+        "resolution": [width, height],
+        "intrinsics": [*focal, *centre],
+        "distortion_model": "equidistant" if names is FISHEYE else "radtan",
+        "distortion_coeffs": parameters[focal_lengths + 2 :],
+    }
+    return _draft_of(_as_camera_info(entries, file), file, like, "COLMAP calibration")
+
+
+def _as_camera_info(entries: dict[str, Any], file: str) -> dict[str, Any]:
+    """Entries of EuRoC's sensor.yaml, or of the first camera of Kalibr's camchain, by the names of ROS; others as they
+    are. Raises InputError for a camera that is no pinhole."""
+    first = entries.get("cam0", entries)
+    size, intrinsics = (
+        first.get(name) if isinstance(first, dict) else None
+        for name in ("resolution", "intrinsics")
+    )
+    if not isinstance(size, list) or not isinstance(intrinsics, list):
+        return entries
+    if (
+        len(size) != 2
+        or len(intrinsics) != 4
+        or first.get("camera_model", "pinhole") != "pinhole"
+    ):
+        raise InputError(
+            f"{file}: camera_model is {first.get('camera_model')!r} with {len(intrinsics)} intrinsics; give a pinhole "
+            "with fx, fy, cx and cy, and its resolution."
+        )
+    fx, fy, cx, cy = intrinsics
+    model = first.get("distortion_model", "radtan")
+    coefficients = first.get("distortion_coefficients", first.get("distortion_coeffs", []))
+    return {
+        "image_width": size[0],
+        "image_height": size[1],
+        "camera_matrix": {"data": [fx, 0, cx, 0, fy, cy, 0, 0, 1]},
+        "distortion_model": KALIBR_MODELS.get(model, model),
+        "distortion_coefficients": {"data": coefficients},
+    }
+
+
 def read_storage(text: str, file: str, like: Camera) -> Draft:
-    """The draft of a camera of OpenCV's or ROS's file, YAML or XML. Raises InputError for what is no calibration."""
-    draft = Draft(file, like)
+    """The draft of a camera of OpenCV's, ROS's, EuRoC's or Kalibr's file. Raises InputError for what is no
+    calibration."""
     if is_storage(text):
         entries = _read_xml(text, file)
     else:
-        entries = yaml_tables(text, file)
+        entries = _as_camera_info(yaml_tables(text, file), file)
+    kind = "ROS calibration" if "distortion_model" in entries else "OpenCV calibration"
+    return _draft_of(entries, file, like, kind)
+
+
+def _draft_of(entries: dict[str, Any], file: str, like: Camera, kind: str) -> Draft:
+    draft = Draft(file, like)
     said = {str(name).lower(): value for name, value in entries.items()}
     matrix = _numbers(draft, said, "camera_matrix")
     if len(matrix) != 9:
@@ -155,7 +236,7 @@ def read_storage(text: str, file: str, like: Camera) -> Draft:
     if not values:
         notes.append("it has no distortion_coefficients, and the lens no distortion")
     lens = ForeignLens(
-        format="ROS calibration" if "distortion_model" in said else "OpenCV calibration",
+        format=kind,
         pinhole=Calibration(width, height, focal, (matrix[2], matrix[5])),
         coefficients=coefficients,
         radial=(radial, ()) if fisheye else (radial[:3], radial[3:]),

@@ -12,7 +12,14 @@ from ...camera.camera_file import load_camera
 from ...core import InputError
 from ...core.small_files import json_value, require_small
 from ...files.npy_dict import read_npy_dict
-from .calibration import is_storage, is_transforms, read_storage, read_transforms, yaml_tables
+from .calibration import (
+    is_storage,
+    is_transforms,
+    read_colmap,
+    read_storage,
+    read_transforms,
+    yaml_tables,
+)
 from .dng import read_dngs
 from .draft import Draft
 from .emva_report import read_report
@@ -26,8 +33,8 @@ YAML = (".yml", ".yaml")
 FORMATS = (
     "a libcamera tuning file (.json), a noise calibration (.json, .csv), a noise profile of ELD (.npy), "
     "DNGs (.dng), an EMVA 1288 report (.xml), a preset of getframes "
-    f"(.toml, or {PREFIX}NAME), or a geometric calibration (OpenCV .yml or .xml, ROS .yaml, "
-    "nerfstudio's transforms.json)"
+    f"(.toml, or {PREFIX}NAME), or a geometric calibration (OpenCV .yml or .xml, ROS, "
+    "EuRoC and Kalibr .yaml, COLMAP's cameras.txt, nerfstudio's transforms.json)"
 )
 LARGEST_BYTES = 2**24
 
@@ -41,7 +48,7 @@ def import_camera(
 
     files : a libcamera tuning file, a noise calibration of ELD or PMN, a noise profile of ELD (.npy), an EMVA 1288
         report, a preset of getframes ("getframes:NAME"), DNGs of one camera, one for each ISO, or a calibration of
-        OpenCV, ROS or nerfstudio, which has size and lens distortion.
+        OpenCV, ROS, EuRoC, Kalibr, COLMAP or nerfstudio, which has size and lens distortion.
     like : camera whose numbers hold where the file says nothing; their sources begin with "assumed:".
     name : of the camera; default: what the file says, else its own name.
     Raises InputError for a file that is none of these, or that has a number out of its range.
@@ -73,9 +80,11 @@ def _draft(paths: list[Path], like: Camera) -> Draft:
         return read_preset(preset_text(str(first).removeprefix(PREFIX)), str(first), like)
     if kind == ".npy":
         return _read_npy(first, like)
-    if kind not in (".json", ".csv", ".xml", ".toml", *YAML):
+    if kind not in (".json", ".csv", ".xml", ".toml", ".txt", *YAML):
         raise InputError(f"{first} is of no format that is imported; give {FORMATS}.")
     text = _read_text(first)
+    if kind == ".txt":
+        return read_colmap(text, first.name, like)
     if kind == ".json":
         return _read_json(text, first.name, like)
     if kind == ".csv":

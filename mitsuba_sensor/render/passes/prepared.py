@@ -586,9 +586,7 @@ def prepare(
     known = asked.unit_exposure if isinstance(asked, Metering) else asked
     warn_of_temperature(known.temperature_k)
     bands = with_filters(bands_asked_for(chosen, settings, camera, usual), camera)
-    groups = parts_of_light(
-        parsed, cast(AskedGroups | None, chosen["light_groups"]), camera
-    )
+    groups = parts_of_light(parsed, cast(AskedGroups | None, chosen["light_groups"]), camera)
     unit, width = chosen["scene_unit"], chosen["width"]
     at_rest = load_scene(parsed, bands, {}, camera, unit, width=width)
     motion = read_motion(chosen["motion"])

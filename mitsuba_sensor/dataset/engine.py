@@ -1,0 +1,339 @@
+"""Who makes the tasks: processes of this machine, a Dask cluster, or this process. One loop over their futures.
+
+Processes are those of pebble: spawned, with a time limit for each task; one that dies takes no other with it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import multiprocessing
+import os
+import sys
+import threading
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from concurrent import futures
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from itertools import chain
+from multiprocessing import connection, resource_tracker
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from ..core import DiskFull, InputError
+from ..files import worker_log
+from ..files.memory import TOO_MUCH_MEMORY, memory_limit
+from ..stopping import end_quietly, signals_held, undo_when_terminated, undone_if_stopped
+from .keys import Config, made_by
+from .options import RunOptions
+from .plan import Task
+from .store import Record, Store
+
+MOST_TRIES = 3
+"""Of a task whose process dies."""
+LOOKS_EVERY_S = 5.0
+"""Between two looks at whether a scheduler still answers, where nothing comes from it."""
+MOST_LOG = 4000
+"""Characters that are kept of what a process printed, from its end."""
+LOST = OSError, futures.CancelledError, asyncio.CancelledError
+"""What a client raises of a scheduler that does not answer."""
+_ONE_AT_A_TIME = threading.Lock()
+"""A worker of Dask with several threads makes its tasks one after another: a render uses all its cores."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a task.  failed : why it could not be made, or nothing.  log : what its process printed last.
+    full : what the disk did not take."""
+
+    task: Task
+    failed: str = ""
+    log: str = ""
+    full: DiskFull | None = None
+
+
+def make_anew(store: Store, record: Record, task: Task) -> object:
+    """:func:`.make.make_task`, for which Mitsuba is loaded here."""
+    from .make import load_renderer, make_task
+
+    load_renderer()
+    return make_task(store, record, task)
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a worker needs besides the task.  capture : whether what is printed on stderr is kept for failures.
+    make : commits a task."""
+
+    folder: str
+    record: Record
+    memory_gb: float | None = None
+    capture: bool = True
+    make: Callable[[Store, Record, Task], object] = make_anew
+
+    def log_path(self, task: Task) -> Path:
+        """Where what a process prints is while it makes a task."""
+        return worker_log.place_of(Path(self.folder), task.key)
+
+
+Ended: TypeAlias = tuple[str, str, DiskFull | None]
+"""Why a task has failed, what was printed last, what the disk did not take."""
+
+
+@dataclass(frozen=True)
+class Pool:
+    """submit : has a task made.  room : how many may be under way.  check : raises InputError where nobody makes them
+    any more."""
+
+    submit: Callable[[Task], futures.Future[Ended]]
+    room: Callable[[], int]
+    check: Callable[[], object] = lambda: None
+
+
+def run_task(job: Job, task: Task) -> Ended:
+    """Make a task in this process; whatever goes wrong with it is returned."""
+    store, log = Store(job.folder), job.log_path(task)
+    failed: Ended = ("", "", None)
+    try:
+        with worker_log.captured(log, job.capture), memory_limit(job.memory_gb):
+            if task.key not in store.finished():  # another run may have made it meanwhile
+                job.make(store, job.record, task)
+    except DiskFull as error:
+        failed = (str(error), "", error)
+    except InputError as error:
+        failed = (str(error), "", None)
+    except Exception as error:  # a bug costs one task and not the night
+        failed = (f"{type(error).__name__}: {error}", traceback.format_exc()[-MOST_LOG:], None)
+    worker_log.forget(log)
+    return failed
+
+
+def outcomes(tasks: Iterable[Task], job: Job, options: RunOptions) -> Iterator[Outcome]:
+    """What becomes of the tasks, in the order in which they end. Raises InputError where nobody can make them."""
+    left = iter(tasks)
+    if (first := next(left, None)) is None:  # no process where nothing is missing
+        return
+    running: dict[futures.Future[Ended], Task] = {}
+
+    def forget_logs() -> None:
+        for task in running.values():
+            worker_log.forget(job.log_path(task))
+
+    with undone_if_stopped(forget_logs), _pool(job, options) as pool:
+        left, tries = chain([first], left), Counter[str]()
+        while True:
+            while len(running) < pool.room() and (task := next(left, None)) is not None:
+                running[pool.submit(task)] = task
+            if not running:
+                return
+            done = futures.wait(running, LOOKS_EVERY_S, futures.FIRST_COMPLETED).done
+            if not done:
+                pool.check()
+            for future in done:
+                task = running.pop(future)
+                died = _death(future)
+                tries[task.key] += 1
+                if died is None:
+                    yield Outcome(task, *future.result())
+                elif died.may_live and tries[task.key] < MOST_TRIES:
+                    running[pool.submit(task)] = task
+                else:
+                    log = worker_log.end_of(job.log_path(task), MOST_LOG)
+                    said = worker_log.first_line(log) or died.why
+                    times = f" {tries[task.key]} times" if died.may_live else ""
+                    yield Outcome(task, f"its process died{times} ({said})", log)
+                if task not in running.values():
+                    del tries[task.key]
+
+
+@dataclass(frozen=True)
+class _Death:
+    """Of a process.  may_live : whether another try may end better."""
+
+    why: str
+    may_live: bool = True
+
+
+def _death(future: futures.Future[Ended]) -> _Death | None:
+    """Whether the process of a task has died. Raises InputError where a worker has not understood what it was given."""
+    from pebble import ProcessExpired
+
+    try:
+        error = future.exception()
+    except LOST as lost:
+        error = lost
+    if error is None:
+        return None
+    if isinstance(error, TimeoutError):
+        return _Death("it took longer than --timeout-s", may_live=False)
+    if isinstance(error, ProcessExpired):
+        if error.exitcode == TOO_MUCH_MEMORY:
+            return _Death("it took more than --memory-gb", may_live=False)
+        return _Death("nothing was printed: a signal, or too little memory")
+    if type(error).__name__ == "KilledWorker":  # of Dask, which has tried it again itself
+        return _Death("nothing was printed: a signal, or too little memory", may_live=False)
+    if isinstance(error, InputError):
+        raise error
+    if isinstance(error, LOST):
+        raise InputError("the Dask scheduler is gone; run it again to make the rest.")
+    said = " ".join(f"{type(error).__name__}: {error}".split())
+    raise InputError(
+        f"a worker cannot read what this run sends ({said}); install mitsuba-sensor there, in the same version."
+    ) from error
+
+
+def _pool(job: Job, options: RunOptions) -> AbstractContextManager[Pool]:
+    limits = [name for name in ("timeout_s", "memory_gb") if options[name] is not None]  # type: ignore[literal-required]
+    if options["scheduler"] is not None:
+        if limits:
+            raise InputError(
+                f"{limits[0]} is for processes of this machine; give `dask worker` its own --memory-limit, or leave "
+                "--scheduler out."
+            )
+        return _cluster(job, options)
+    if options["workers"] == 0:
+        if limits:
+            raise InputError(
+                f"{limits[0]} ends a process that makes samples, and workers is 0; give --workers 1 or more."
+            )
+        return nullcontext(_this_process(replace(job, capture=False)))
+    return _processes(job, options["workers"] or usual_workers(), options["timeout_s"])
+
+
+def _this_process(job: Job) -> Pool:
+    def submit(task: Task) -> futures.Future[Ended]:
+        future = futures.Future[Ended]()
+        future.set_result(run_task(job, task))
+        return future
+
+    return Pool(submit, lambda: 1)
+
+
+@contextmanager
+def _processes(job: Job, workers: int, timeout_s: float | None) -> Iterator[Pool]:
+    """Processes of this machine, which end with the block, and with this process however it ends."""
+    from pebble import ProcessPool
+
+    context: Any = multiprocessing.get_context("spawn")
+    if os.name == "posix":
+        _begin_tracker()
+    with _without_main():
+        pool = ProcessPool(workers, initializer=_begin_worker, context=context)
+        try:
+            yield Pool(
+                lambda task: pool.schedule(run_task, (job, task), timeout=timeout_s),
+                lambda: 2 * workers,  # the one that it makes, and one that waits for it
+            )
+        finally:
+            pool.stop()
+            pool.join()
+
+
+def _begin_worker() -> None:
+    """Runs in a process before its first task: it ends, and undoes what is unfinished, when the run ends."""
+    undo_when_terminated()
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    sentinel = parent.sentinel
+
+    def end_with_parent() -> None:
+        connection.wait([sentinel])
+        end_quietly()
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
+
+
+def _begin_tracker() -> None:
+    """Begin what tidies up after processes. Whoever begins it takes Ctrl-C from then on, so it is not a worker's
+    thread, whose processes would take it too; and a stop, which ends this process at once, is no reason to warn."""
+    before = os.environ.get("PYTHONWARNINGS")
+    silent = "ignore::UserWarning:multiprocessing.resource_tracker"
+    os.environ["PYTHONWARNINGS"] = f"{before},{silent}" if before else silent
+    try:
+        with signals_held():
+            resource_tracker.ensure_running()
+    finally:
+        del os.environ["PYTHONWARNINGS"]
+        if before:
+            os.environ["PYTHONWARNINGS"] = before
+
+
+@contextmanager
+def _without_main() -> Iterator[None]:
+    """Processes that begin meanwhile do not run the main script again, which may have no guard, or no file."""
+    main = sys.modules["__main__"]
+    known = {
+        name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)
+    }
+    main.__spec__ = None
+    try:
+        yield
+    finally:
+        vars(main).update(known)
+
+
+@contextmanager
+def _cluster(job: Job, options: RunOptions) -> Iterator[Pool]:
+    """The workers of a Dask scheduler. Raises InputError where there is none."""
+    import distributed
+    from distributed.utils import silence_logging_cmgr
+
+    address = options["scheduler"]
+    given = options["tls_ca"], options["tls_cert"], options["tls_key"]
+    names = "tls_ca_file", "tls_client_cert", "tls_client_key"
+    tls = {name: file for name, file in zip(names, given, strict=True) if file is not None}
+    with silence_logging_cmgr(logging.CRITICAL):
+        try:
+            security = distributed.Security(require_encryption=True, **tls) if tls else None
+            client = distributed.Client(address, timeout="20s", security=security)
+        except (
+            OSError,
+            ValueError,
+            TypeError,
+        ) as error:  # the last one of TLS without a certificate
+            raise InputError(
+                f"there is no Dask scheduler at {address} ({error}); start one with `dask scheduler`, and "
+                "workers with `dask worker ADDRESS --nthreads 1`."
+            ) from None
+
+        def check() -> None:
+            if client.status != "running":
+                raise InputError(
+                    f"the Dask scheduler at {address} is gone; run it again to make the rest."
+                )
+
+        executor = client.get_executor(pure=False)
+        try:
+            yield Pool(
+                lambda task: executor.submit(_in_worker, made_by(), job, task),
+                lambda: 2 * max(len(client.nthreads()), 1),
+                check,
+            )
+        except LOST:
+            check()
+            raise
+        finally:
+            client.close(timeout=1)
+
+
+def _in_worker(versions: Config, job: Job, task: Task) -> Ended:
+    """Runs in a worker of Dask. Raises InputError where it has other versions of what pixels depend on."""
+    for name, version in versions.items():
+        if (other := made_by().get(name)) != version:
+            raise InputError(
+                f"a worker of the Dask cluster has {name} {other or '(not installed)'}, and this run has "
+                f"{version or 'none'}; give them the same version."
+            )
+    with _ONE_AT_A_TIME:
+        return run_task(job, task)
+
+
+def usual_workers() -> int:
+    """Processes that a machine can feed: a render uses all its cores, and while it writes another one renders."""
+    if hasattr(os, "sched_getaffinity"):
+        cores = len(os.sched_getaffinity(0))
+    else:
+        cores = os.cpu_count() or 1
+    return 2 if cores > 1 else 1

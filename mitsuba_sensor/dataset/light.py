@@ -1,0 +1,259 @@
+"""What decides the light of a sample: scene, pose, options of the render, and what the camera has to do with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..camera.exposure_times import later_exposures
+from ..core import Exposure, Float64Array, InputError
+from ..core.options import used
+from ..files.scene_references import scene_references
+from ..files.sensor_names import ALL_SENSORS
+from ..files.shipped_scenes import (
+    MOTION,
+    NAME,
+    SCENE,
+    names_of_scenes,
+    scenes_folder,
+    shipped_file,
+)
+from ..render.motion.motion import KeyPose, Motion, read_motion
+from ..render.options import RenderOptions
+from ..render.scene.parse_scene import parse_sensors, pose_in_file_m, refuse_one_place
+from ..render.scene.parsed_scene import ParsedScene
+from ..render.variants import fastest_variant, restores_variant
+from .cameras import Folders, VariedCamera, of_light
+from .file import OF_SCENE, DatasetFile
+from .keys import Config, Facts, seed_of
+from .scene_entry import SceneEntry
+from .sweep import SENSOR, Combination, of_kind
+from .values import text_of
+
+FORMAT = 4  # of configurations; another one is other keys, and with them other seeds
+SAMPLES = ("spp", "noise_ratio", "max_spp")  # options that say how many samples a render takes
+SPP = 128  # of a render that is told nothing of them
+PASSED_BY = ("gain", "luminance")  # options of a render that are none of its light
+MOST_DIGESTS = 4096
+
+
+class Lights:
+    """Describes the light of samples. Raises InputError."""
+
+    def __init__(self, file: DatasetFile, folders: Folders) -> None:
+        self.file, self.folders, self.roots = file, folders, folders.roots
+        self.places = [self._place(scene) for scene in file.scenes]
+        self._motion_files = [self._motion_file(scene) for scene in file.scenes]
+        self._motions = [self._motion(number) for number in range(len(file.scenes))]
+        self._lenses = dict[str, Facts]()
+        self._references = lru_cache(MOST_DIGESTS)(self._references_of)
+        self._digest = lru_cache(MOST_DIGESTS)(self._digest_of)
+        self._rigs = lru_cache(MOST_DIGESTS)(self._rig_of)
+
+    @cached_property
+    def options(self) -> Facts:
+        """Options of every render that decide its light."""
+        render = dict(self.file.render)
+        if render.keys().isdisjoint(SAMPLES):
+            render["spp"] = SPP
+        return {
+            k: v
+            for k, v in used(RenderOptions, render).items()
+            if k not in (*OF_SCENE, *PASSED_BY) and (k, v) != ("start_s", 0.0)
+        }
+
+    def sensors(self, scene: int) -> tuple[str, ...]:
+        """Names of the sensors of a scene that take pictures; none where it is the first one alone."""
+        entry = self.file.scenes[scene]
+        if entry.sensors is None:
+            return ()
+        parameters = {name: text_of(value) for name, value in entry.parameters.items()}
+        return self._rigs(scene, tuple(parameters.items())).names
+
+    def rig(self, one: Combination) -> Rig:
+        """The sensors of the scene of a sample that has one by name."""
+        return self._rigs(one.scene, tuple(self._parameters(one).items()))
+
+    def described(self, one: Combination, camera: VariedCamera, exposure: Config) -> Facts:
+        """All that decides the light of a sample, ready for JSON."""
+        entry, parameters = self.file.scenes[one.scene], self._parameters(one)
+        motion, options = self._motions[one.scene], self.options
+        light: Facts = {
+            "format": FORMAT,
+            "scene": self._digest(one.scene, tuple(parameters.items())),
+            "parameters": parameters,
+            "traverse": {**entry.traverse, **of_kind("traverse", one.values)},
+            "look_at": None if one.pose is None else one.pose.pose,
+            "render": options,
+            "lens": self._lens_of(camera),
+            "dataset_seed": self.file.seed,
+        }
+        for name in ("scene_unit", "integrator", "ignore_polarization"):
+            light[name] = getattr(entry, name)
+        if one.pose is not None and one.pose.time_s is not None:
+            light["start_s"] = one.pose.time_s
+        if (sensor := one.values.get(SENSOR)) is not None:
+            light[SENSOR] = sensor
+            if light["look_at"] is not None:
+                light["look_at"] = self.rig(one).pose_of(sensor, light["look_at"])
+        of_camera = exposure["time_s"] in ("auto", None)  # metered
+        of_camera |= bool(later_exposures(camera.camera, Exposure(1.0)))
+        if motion != Motion():
+            light |= {"motion": motion.model_dump(mode="json"), "exposure": dict(exposure)}
+        if options["noise_ratio"] or (motion != Motion() and of_camera):
+            noisy = {"camera": camera.datasheet, "gain": camera.gain}
+            light |= {**noisy, "exposure": dict(exposure)}
+        return light
+
+    def files(self, one: Combination) -> Iterator[tuple[Path, str]]:
+        """All files that the light of a sample is rendered from but for the camera's, and what each is of."""
+        scene = self.file.scenes[one.scene].name
+        for path in self._references(one.scene, tuple(self._parameters(one).items())):
+            yield path, f"scene {scene}"
+        if (motion := self._motion_files[one.scene]) is not None:
+            yield motion, f"scene {scene}"
+
+    def _parameters(self, one: Combination) -> dict[str, str]:
+        """Values of the <default> names of a scene."""
+        fixed = self.file.scenes[one.scene].parameters
+        values = {**fixed, **of_kind("parameters", one.values)}
+        return {name: text_of(value) for name, value in values.items()}
+
+    def _lens_of(self, camera: VariedCamera) -> Facts:
+        """What of a camera decides the light."""
+        if camera.key not in self._lenses:
+            if len(self._lenses) > MOST_DIGESTS:
+                self._lenses.clear()
+            cube = self.options["spectral"] == "cube"
+            self._lenses[camera.key] = of_light(camera.camera, cube)
+        return self._lenses[camera.key]
+
+    def _rig_of(self, scene: int, parameters: tuple[tuple[str, str], ...]) -> Rig:
+        entry, motion = self.file.scenes[scene], self._motions[scene]
+        return rig_of(entry, self.places[scene], dict(parameters), motion)
+
+    def _digest_of(self, scene: int, parameters: tuple[tuple[str, str], ...]) -> str:
+        folders = self.folders._replace(roots=self._roots_of(scene))
+        return folders.digest(self._references(scene, parameters), self.places[scene].parent)
+
+    def _references_of(
+        self, scene: int, parameters: tuple[tuple[str, str], ...]
+    ) -> Sequence[Path]:
+        roots = self._roots_of(scene) if self.folders.untrusted else None
+        return scene_references(self.places[scene], dict(parameters), roots)
+
+    def _roots_of(self, scene: int) -> Sequence[Path]:
+        if shipped_file(self.file.scenes[scene].file, SCENE, self.roots):
+            return [scenes_folder(), *self.roots]
+        return self.roots
+
+    def _place(self, entry: SceneEntry) -> Path:
+        try:
+            return self._find(entry.file, SCENE, f"the file of scene {entry.name}")
+        except InputError as error:
+            if not NAME.fullmatch(entry.file):
+                raise
+            also = f"or give {names_of_scenes(entry.file)}"
+            raise InputError(f"{str(error).removesuffix('.')}; {also}") from None
+
+    def _motion_file(self, entry: SceneEntry) -> Path | None:
+        if isinstance(entry.motion, str):
+            return self._find(entry.motion, MOTION, f"the motion of scene {entry.name}")
+        return None
+
+    def _motion(self, scene: int) -> Motion:
+        return read_motion(self._motion_files[scene] or self.file.scenes[scene].motion)
+
+    def _find(self, name: str, end: str, what: str) -> Path:
+        """A file below the roots, else one that ships with the package."""
+        return shipped_file(name, end, self.roots) or self.folders.find(name, what)
+
+
+def exposure_asked(values: Config) -> Facts:
+    """Time [s], "auto" or None for the scene's own; stops on top; temperature [K] or None."""
+    time_s, stops, kelvin = (
+        values.get(name) for name in ("exposure_s", "exposure_ev", "temperature_k")
+    )
+    return {"time_s": time_s, "ev": stops or 0, "temperature_k": kelvin}
+
+
+POSE_DIGITS = 9
+"""Of a pose that is computed [m]: what is left away is 1 nm, or 1e-9 of a direction."""
+
+
+class Rig(NamedTuple):
+    """Sensors of a scene.
+
+    poses_m : name of each that takes pictures → 4 × 4 to the world, as the file has it, without scale, in metres.
+    numbers : name of each sensor of the file → its number.
+    """
+
+    poses_m: Mapping[str, Float64Array]
+    numbers: Mapping[str, int]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the sensors that take pictures."""
+        return (*self.poses_m,)
+
+    def pose_of(self, sensor: str, first: Facts) -> Facts:
+        """Origin, target and up of a sensor.  first : those of the first one of the rig."""
+        places_m = [*self.poses_m.values()]
+        if sensor == self.names[0]:
+            return first
+        start = KeyPose(time_s=0, **first).pose
+        assert start is not None
+        pose = start @ np.linalg.inv(places_m[0]) @ self.poses_m[sensor]
+        origin, up, forward = pose[:3, 3], pose[:3, 1], pose[:3, 2]
+        vectors = {"origin_m": origin, "target_m": origin + forward, "up": up}
+        return {
+            name: [*(np.round(x, POSE_DIGITS) + 0.0).tolist()] for name, x in vectors.items()
+        }
+
+    def chip(self, serial: int, sensor: str) -> int:
+        """Serial number of the chip behind a sensor: that of the dataset for the first sensor of the file, for each
+        other one a number that belongs to both, because it is another chip."""
+        if number := self.numbers[sensor]:
+            return seed_of(f"serial {serial} sensor {number}")
+        return serial
+
+
+@restores_variant
+def rig_of(
+    entry: SceneEntry, place: Path, parameters: Mapping[str, str], motion: Motion
+) -> Rig:
+    """The sensors that an entry asks for.  place : of the scene file.  Raises InputError."""
+    try:
+        options = {"parameters": parameters, "variant": fastest_variant("llvm").name}
+        scenes = parse_sensors(str(place), options)
+        poses_m = dict[str, Float64Array]()
+        for name in _asked(entry, scenes):
+            unit_m = scenes[name].settings.metres(entry.scene_unit) or 1.0
+            poses_m[name] = pose_in_file_m(scenes[name], unit_m)
+        refuse_one_place(poses_m, None, motion)
+    except InputError as error:
+        raise InputError(f"scene {entry.name!r} of the dataset: {error}") from None
+    return Rig(poses_m, {name: number for number, name in enumerate(scenes)})
+
+
+def _asked(entry: SceneEntry, scenes: Mapping[str, ParsedScene]) -> Sequence[str]:
+    """Names of the sensors that are asked for by name or number, in this order. Raises InputError.
+
+    scenes : by the name of each sensor of the file.
+    """
+    if entry.sensors == ALL_SENSORS:
+        return [*scenes]
+    asked = entry.sensors or ()
+    if isinstance(asked, str):
+        asked = (asked,)
+    scene, names = next(iter(scenes.values())), list[str]()
+    for one in asked:
+        name = scene.with_sensor(one).sensor_taken().name
+        if name in names:
+            raise InputError(f"sensors names {name!r} twice; give each once.")
+        names.append(name)
+    return names

@@ -1,1 +1,0 @@
-"""Samples for those who use them: opened, shown, drawn and listed."""

@@ -1,0 +1,333 @@
+"""Makes a dataset: finds out what is missing, has it made, and writes its table."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeAlias, Unpack
+
+from pydantic import BaseModel, ValidationError
+
+from ..core import InputError
+from ..core.options import complete, documents
+from ..core.progress import automatic_progress, is_asked
+from ..files import durable
+from ..files.appearing import refuse_empty, require_folder
+from ..render.variants import restores_variant
+from ..stopping import remark_if_stopped
+from .checks import check_scenes, checked_counts, growth_refused
+from .engine import Job, Outcome, outcomes
+from .file import read_dataset_text
+from .keys import Facts
+from .options import RunOptions
+from .plan import DatasetPlan, Task, load_plan
+from .store import Shard, Store
+from .table import Table, open_table
+
+FAILED = "failed.jsonl"
+MOST_FAILED_BYTES = 2**26
+TABLE_EVERY_S = 300.0
+"""Between two tables that are written while samples are made, and at least so many times what one takes:"""
+TABLE_SHARE = 20
+OLD_RECORD = "record.json"
+"""Which folders of datasets had until format 4."""
+NEW_FOLDER = "give a new folder"
+
+
+class Failure(BaseModel):
+    """A line of FAILED: a task that could not be made.  first : values of its first sample.  log : what its process
+    printed last."""
+
+    task: str
+    scene: str
+    samples: int
+    first: Facts
+    why: str
+    log: str = ""
+
+
+@dataclass
+class RunProgress:
+    """How far a run is.
+
+    samples : of the dataset, or of this part of it.  there : complete before this run.  made : by it.
+    failed : tasks that could not be made.  remarks : sentences that the user must read.  render_noise : how large it is
+    in the frames, at the end.
+    """
+
+    samples: int
+    there: int = 0
+    made: int = 0
+    now: str = "starting"
+    failed: list[Failure] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    render_noise: str = ""
+
+    @property
+    def done(self) -> int:
+        """Samples that are complete."""
+        return self.there + self.made
+
+    def standing(self, seconds: float) -> tuple[str, float]:
+        """What is done now, and the share of the samples that is complete; NaN where there is none.
+
+        seconds : since this run began.
+        """
+        speed = f"{self.made / seconds:.2g} samples/s, " if self.made and seconds else ""
+        failed = f", {len(self.failed)} lights failed" if self.failed else ""
+        share = self.done / self.samples if self.samples else math.nan
+        return f"{speed}{self.now}{failed}", share
+
+    def counted(self) -> str:
+        """How many samples are complete."""
+        return f"{self.done} of {self.samples} samples" if self.samples else "counting samples"
+
+
+Show: TypeAlias = Callable[[RunProgress], object]
+
+
+@contextmanager
+def shown_run(progress: Show | bool | None) -> Iterator[Show]:
+    """What a run reports to: the given function, nothing for False, and for None a line every ten seconds."""
+    if callable(progress):
+        yield progress
+        return
+    if not is_asked(progress):
+        yield lambda found: None
+        return
+    with automatic_progress("dataset run", "starting") as teller:
+
+        def tell(found: RunProgress) -> None:
+            if teller is not None:
+                doing, share = found.standing(teller.seconds)
+                teller.tell(f"{found.counted()}, {doing}", share)
+                teller.tick()
+
+        yield tell
+
+
+@documents(RunOptions)
+def make_dataset(
+    file: str | Path,
+    out: str | Path,
+    *,
+    roots: Sequence[str | Path] = (),
+    progress: Show | bool | None = None,
+    **options: Unpack[RunOptions],
+) -> RunProgress:
+    """Make everything of the dataset of a TOML file that is missing in the folder ``out``.
+
+    ::
+
+        made = make_dataset("pairs.toml", "out/pairs")
+        print(made.made, made.render_noise)
+
+    roots : folders in which scenes and cameras are looked for, too.  progress : see :func:`run`.
+    Raises InputError, and DiskFull.
+    """
+    return run(load_plan(file, roots), out, progress=progress, **options)
+
+
+@documents(RunOptions)
+@restores_variant
+def run(
+    plan: DatasetPlan,
+    out: str | Path,
+    *,
+    progress: Show | bool | None = None,
+    **options: Unpack[RunOptions],
+) -> RunProgress:
+    """Make everything of a dataset that is missing in ``out``.
+
+    progress : None says every ten seconds on stderr how far it is; False says nothing; a
+        function is called with a :class:`RunProgress` after every step.
+    Raises InputError; DiskFull where the disk takes no more: what is complete stays, and another run goes on.
+    """
+    refuse_empty(out, "-o", "give the name of a folder, e.g. -o out")
+    with shown_run(progress) as show:
+        return _Run(plan, Store(out), complete(RunOptions, options), show).make()
+
+
+class _Run:
+    """A run.  chosen : all options.  show : called after every step."""
+
+    def __init__(self, plan: DatasetPlan, store: Store, chosen: RunOptions, show: Show) -> None:
+        self.plan, self.store, self.chosen, self.show = plan, store, chosen, show
+        self.progress = RunProgress(0)
+        self.finished = store.finished()
+        self.samples_of = dict[str, int]()  # task that is there → how many
+        self._table_s, self._table_took_s = time.monotonic(), 0.0
+        remark_if_stopped(self._said_when_stopped)
+
+    def make(self) -> RunProgress:
+        """Make what is missing."""
+        plan, store, progress = self.plan, self.store, self.progress
+        check_same(plan, store)
+        self.show(progress)
+        counts = checked_counts(plan, self._count)
+        if len(self.samples_of) < counts.tasks:
+            require_folder(store.folder)
+            progress.now = "checking the scenes"
+            self.show(progress)
+            check_scenes(plan)  # before anything is written
+            store.clean()
+        record = plan.record(counts.samples)
+        store.write_record(record)
+        self._put_aside([x for key, x in self.finished.items() if key not in self.samples_of])
+        failures = read_failures(store)
+        job = Job(str(store.folder), record, self.chosen["memory_gb"])
+        self.show(progress)
+        for outcome in outcomes(self._missing(failures), job, self.chosen):
+            self._note(outcome)
+            self.show(progress)
+            self._table_in_between()
+        self._rewrite_failures(failures)
+        self._finish(counts.samples)
+        return progress
+
+    def _is_ours(self, number: int) -> bool:
+        """Whether a task is of this part of the dataset.  number : of the task, from 0."""
+        part, parts = self.chosen["shard"] or (1, 1)
+        return number % parts == part - 1
+
+    def _count(self, number: int, task: Task) -> None:
+        """Called with each task, before anything is made."""
+        is_there = task.key in self.finished
+        if is_there:
+            self.samples_of[task.key] = len(task.samples)
+        if self._is_ours(number):
+            self.progress.samples += len(task.samples)
+            self.progress.there += is_there * len(task.samples)
+
+    def _put_aside(self, shards: Sequence[Shard]) -> None:
+        """Move the shards away that an earlier text of the dataset file has, and this one not."""
+        for shard in shards:
+            self.store.put_aside(shard)
+        if shards:
+            several = f"{len(shards)} shard{'s' * (len(shards) != 1)}"
+            self.progress.remarks.append(
+                f"moved {several} to {self.store.folder / 'earlier'}, because the dataset file no longer has their "
+                "samples or splits; nothing reads that folder, so remove it to save space."
+            )
+
+    def _missing(self, failures: dict[str, Failure]) -> Iterator[Task]:
+        """Tasks that are to be made."""
+        self.progress.now = "rendering"
+        for number, task in enumerate(self.plan.tasks()):
+            if not self._is_ours(number) or task.key in self.samples_of:
+                continue
+            if task.key in failures and not self.chosen["retry"]:
+                self.progress.failed.append(failures[task.key])
+            else:
+                yield task
+
+    def _note(self, outcome: Outcome) -> None:
+        """What became of a task."""
+        task = outcome.task
+        if outcome.full is not None:
+            raise outcome.full
+        if not outcome.failed:
+            self.samples_of[task.key] = len(task.samples)
+            self.progress.made += len(task.samples)
+            return
+        first = min(task.samples, key=lambda sample: sample.number)
+        failure = Failure(
+            task=task.key,
+            scene=task.scene,
+            samples=len(task.samples),
+            first=dict(first.values),
+            why=outcome.failed,
+            log=outcome.log,
+        )
+        self.progress.failed.append(failure)
+        line = failure.model_dump_json().encode() + b"\n"
+        durable.append_lasting(self.store.folder / FAILED, line)
+
+    def _table_in_between(self) -> None:
+        """Write the table now and then, for those who look at what is there."""
+        began = time.monotonic()
+        if began - self._table_s > max(TABLE_EVERY_S, TABLE_SHARE * self._table_took_s):
+            with suppress(InputError):  # a shard that was damaged meanwhile: said at the end
+                open_table(self.store)
+            self._table_s = time.monotonic()
+            self._table_took_s = self._table_s - began
+
+    def _rewrite_failures(self, before: dict[str, Failure]) -> None:
+        """Leave only those in FAILED that are still missing, each once."""
+        known = read_failures(self.store)
+        left = {key: x for key, x in known.items() if key not in self.samples_of}
+        if left.keys() != before.keys() or any(left[key] != before[key] for key in left):
+            lines = [failure.model_dump_json().encode() + b"\n" for failure in left.values()]
+            durable.write_lasting(self.store.folder / FAILED, lines)
+        if not left:
+            durable.remove_file(self.store.folder / FAILED)
+
+    def _finish(self, planned: int) -> None:
+        """Write the table, and what people read."""
+        from .overview import write_overview
+
+        table = Table(self.store)
+        overview = write_overview(
+            self.store, self.plan.file, table, planned, len(self.progress.failed)
+        )
+        self.progress.render_noise = overview.render_noise
+        self.progress.remarks += overview.remarks
+
+    def _said_when_stopped(self) -> str:
+        """How many samples are on the disk, whoever made them, also those of which this process has not heard yet."""
+        known, count = dict(self.samples_of), 0
+        for key, shard in self.store.finished().items():
+            with suppress(InputError):  # one that is damaged has none
+                count += known.get(key) or len(self.store.rows(shard))
+        return f"{count} samples are complete; the same command goes on from there"
+
+
+def check_same(plan: DatasetPlan, store: Store) -> None:
+    """Raise InputError where a folder has another dataset than the plan, or one of other versions or files."""
+    folder, record = store.folder, store.record()
+    if record is None:
+        if (folder / OLD_RECORD).is_file():
+            raise InputError(
+                f"{folder} holds a dataset of an earlier format, of folders and pieces; {NEW_FOLDER}."
+            )
+        return
+    for name, version in plan.made_by.items():
+        if (before := record.made_by.get(name)) != version:
+            raise InputError(
+                f"{folder} was made with {name} {before or '(not installed)'}, and {version or 'none'} is installed; "
+                f"install that version, or {NEW_FOLDER}."
+            )
+    changed = record.text != plan.text and growth_refused(
+        read_dataset_text(record.text), plan.file
+    )
+    if changed:
+        raise InputError(
+            f"{folder} was made from another dataset file: {changed} differ, and a dataset can only gain scenes, "
+            f"cameras, rows, values of [grid] and draws; restore the file, or {NEW_FOLDER}."
+        )
+    changed_files = [
+        name
+        for name, digest in record.sources.items()
+        if plan.sources.get(name, digest) != digest
+    ]
+    if changed_files and store.finished():
+        raise InputError(
+            f"{folder} was made from another {changed_files[0]} than there is now; restore the file, or {NEW_FOLDER}."
+        )
+
+
+def read_failures(store: Store) -> dict[str, Failure]:
+    """Task → why it could not be made, the latest line of each; lines that are none are passed over."""
+    found = dict[str, Failure]()
+    for line in durable.read_small(store.folder / FAILED, MOST_FAILED_BYTES).splitlines():
+        try:
+            failure = Failure(**json.loads(line))
+        except (ValidationError, ValueError, TypeError, RecursionError):
+            continue
+        found[failure.task] = failure
+    return found

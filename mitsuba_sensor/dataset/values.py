@@ -1,0 +1,157 @@
+"""The values that a dataset can vary: what each of them may be."""
+
+from __future__ import annotations
+
+import sys
+
+from ..core import Exposure, InputError, nearest, require, require_seed
+from ..optics.waveform import FROM_FILE, waveform_of
+
+LARGEST = sys.float_info.max
+LARGEST_WHOLE = 2**63
+"""Of whole numbers, but for seeds: the index has 64 bits for each."""
+MOST_STOPS = 60.0
+MOST_FRAMES = 65535
+
+
+FIELDS = {  # what can be varied → what it is
+    "exposure_s": "exposure time [s], or auto",
+    "exposure_ev": "stops on top of exposure_s or of the metered time",
+    "gain": "gain setting of the camera",
+    "temperature_k": "temperature of the sensor [K]",
+    "f_number": "f-number of the lens",
+    "focus_m": "focus distance of a lens prescription [m]",
+    "serial": "serial number of the camera",
+    "frames": "frames per sample",
+    "repetition": "number of an independent sample at the same settings",
+}
+PREFIXES = {
+    "parameters": "a <default> of the scene file",
+    "traverse": "a parameter of the scene by its name in mi.traverse",
+    "camera": "a field of the camera's datasheet",
+    "lights": "level or waveform of a light group",
+}
+
+PICTURE = "frame.png"
+"""The preview of a sample."""
+
+SAME = {"f_number": "camera.lens.f_number", "focus_m": "camera.lens.focus_m"}
+"""A field → what it is the short name of."""
+
+
+def check_field(name: str) -> str:
+    """The name of something that can be varied. Raises ValueError."""
+    prefix, dot, rest = name.partition(".")
+    if name in FIELDS or (prefix in PREFIXES and dot and rest):
+        return name
+    known = (*FIELDS, *(f"{one}.NAME" for one in PREFIXES))
+    raise ValueError(
+        f"cannot vary {name!r}; what can be varied: {', '.join(known)}.{nearest(name, known)}"
+    )
+
+
+def check_value(name: str, value: object) -> None:
+    """Raise InputError for a value that this name cannot have. Fields of the camera are checked by its datasheet."""
+    kind = name.partition(".")[0]
+    if name in ("serial", "repetition"):
+        require_seed(name, value)  # type: ignore[arg-type]
+        return
+    if isinstance(value, int) and not -LARGEST_WHOLE <= value < LARGEST_WHOLE:
+        raise InputError(
+            f"{name} is {value!r:.100}; a whole number must be from -2^63 to 2^63 - 1. Give a larger one as a text."
+        )
+    if name == "exposure_s":
+        _check_exposure(value)
+    elif name == "exposure_ev":
+        require(
+            name,
+            _number(name, value),
+            -MOST_STOPS,
+            MOST_STOPS,
+            "stops on top of exposure_s, e.g. -2",
+        )
+    elif name == "temperature_k":
+        Exposure(0.0, _number(name, value))
+    elif name == "frames":
+        _check_frames(value)
+    elif kind == "lights":
+        _check_light(name.partition(".")[2], value)
+    elif kind == "traverse":
+        for one in value if isinstance(value, tuple) else (value,):
+            _number(name, one)
+    elif kind == "parameters" and isinstance(value, tuple):
+        raise InputError(
+            f"{name} is {list(value)}; it must be one text or number, as after -D: {_text(value)!r}."
+        )
+
+
+def plain_value(value: object) -> bool | float | str:
+    """A number, a text, or true or false. Raises ValueError."""
+    if isinstance(value, dict):
+        raise ValueError(
+            'this is a table; put a name with dots in quotes, e.g. "camera.adc.bits" = [10, 12]'
+        )
+    if not isinstance(value, bool | int | float | str) or (
+        isinstance(value, float) and not abs(value) <= LARGEST
+    ):
+        raise ValueError(f"{value!r:.100} must be a finite number, a text, true or false")
+    return value
+
+
+def value_or_list(value: object) -> bool | float | str | tuple[float, ...]:
+    """The same, or a list of numbers. Raises ValueError."""
+    if not isinstance(value, list | tuple):
+        return plain_value(value)
+    if not all(
+        isinstance(one, int | float) and not isinstance(one, bool) and abs(one) <= LARGEST
+        for one in value
+    ):
+        raise ValueError(f"{value!r:.100} must have finite numbers only, e.g. [0.5, 0.5, 1]")
+    return tuple(map(float, value))
+
+
+def stops_taken(stops: float) -> float:
+    """By which factor a preview is brighter for the stops that an exposure takes away."""
+    return float(2.0 ** max(-stops, 0.0))
+
+
+def text_of(value: object) -> str:
+    """A value of a <default> as it stands in a scene file."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return str(value)
+
+
+def _text(values: tuple[object, ...]) -> str:
+    return ", ".join(map(str, values))
+
+
+def _check_exposure(value: object) -> None:
+    if value == "auto":
+        return
+    if isinstance(value, str):
+        raise InputError(
+            f"exposure_s is {value!r}; it must be a number of seconds, e.g. 0.1, or 'auto'."
+        )
+    Exposure(_number("exposure_s", value))
+
+
+def _check_light(group: str, value: object) -> None:
+    if isinstance(value, str) and FROM_FILE in value:
+        raise InputError(
+            f"the light of {group} is {value!r}; a dataset reads no waveform from a file: give pwm, sine or mains."
+        )
+    waveform_of(group, value)
+
+
+def _check_frames(value: object) -> None:
+    if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= MOST_FRAMES:
+        raise InputError(
+            f"frames is {value!r}; it must be a whole number from 1 to {MOST_FRAMES}, e.g. 8."
+        )
+
+
+def _number(name: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{name} is {value!r}; it must be a number.")
+    return value

@@ -1,0 +1,290 @@
+"""What varies in a dataset: every combination once, random numbers of the asked law, poses on a path, shared light."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.stats
+from helpers.datasets import TABLES, plan_of, samples_of, tasks_of
+from helpers.marks import exhaustive
+
+from mitsuba_sensor import InputError
+from mitsuba_sensor.dataset.checks import checked_counts
+from mitsuba_sensor.dataset.file import Distribution
+from mitsuba_sensor.dataset.keys import key_of
+from mitsuba_sensor.dataset.light import exposure_asked
+from mitsuba_sensor.dataset.sweep import Poses, drawn, share_of
+
+POSE = {"origin_m": [0, 0, 1], "target_m": [0, 0, 0]}
+
+
+def test_a_hundred_exposures_of_five_chips_are_one_render() -> None:
+    grid = {"exposure_s": [0.001 * k for k in range(1, 101)], "serial": [1, 2, 3, 4, 5]}
+    views = tasks_of(grid=grid)
+    assert len(views) == 1 and len({one.key for one in views[0].samples}) == 500
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "renders"),
+    [
+        ("temperature_k", [250, 300], 1),
+        ("frames", [1, 2], 1),
+        ("repetition", [0, 1], 1),
+        ("camera.adc.bits", [10, 12], 1),
+        ("camera.pixel.full_well_e", [10_000, 20_000], 1),
+        ("exposure_ev", [0, 1], 1),
+        ("f_number", [2.0, 4.0], 2),
+        ("parameters.radiance", [1e-4, 2e-4], 2),
+        ("camera.quantum_efficiency.value", [0.5, 0.6], 2),
+        ("camera.pixel.pitch_x_um", [5.0, 6.0], 2),
+    ],
+)
+def test_only_what_changes_the_light_is_rendered_anew(
+    name: str, values: list[Any], renders: int
+) -> None:
+    views = tasks_of(grid={name: values})
+    assert (len(views), len(samples_of(views))) == (renders, 2)
+
+
+def test_a_cube_is_shared_by_cameras_of_one_band_and_lens() -> None:
+    cameras = [
+        {"camera": "konnik_table1", "name": "a", "set": {"quantum_efficiency.value": 0.6}},
+        {"camera": "konnik_table1", "name": "b", "set": {"quantum_efficiency.value": 0.3}},
+    ]
+    assert len(tasks_of(cameras=cameras)) == 2
+    assert len(tasks_of(cameras=cameras, render={"spectral": "cube", "spp": 16})) == 1
+
+
+def test_every_combination_is_made_once() -> None:
+    file_tables: dict[str, Any] = {
+        "grid": {"exposure_s": [0.1, 0.2], "parameters.radiance": [1e-4, 2e-4, 3e-4]},
+        "list": [{"serial": 1, "temperature_k": 280}, {"serial": 2, "temperature_k": 300}],
+        "random": {"draws": 4, "values": {"exposure_ev": {"uniform": [-1, 1]}}},
+    }
+    views = tasks_of(**file_tables)
+    found = samples_of(views)
+    assert len(found) == 2 * 3 * 2 * 4
+    assert len({tuple(sorted(one.values.items())) for one in found}) == len(found)
+    assert len(views) == 3 and len({one.key for one in found}) == 48
+
+
+def test_a_sample_does_not_depend_on_what_else_is_in_the_dataset() -> None:
+    values = {"temperature_k": {"uniform": [270, 300]}}
+    alone = tasks_of(grid={"exposure_s": [0.1]}, random={"draws": 1, "values": values})
+    among = tasks_of(
+        description="another text",
+        licence="CC0-1.0",
+        scenes=[{"name": "wedge", "file": "step_wedge.xml"}, *TABLES["scenes"]],
+        grid={"exposure_s": [0.2, 0.1]},
+        random={"draws": 7, "values": values},
+    )
+    assert samples_of(alone)[0].key in {one.key for one in samples_of(among)}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seed": 2},
+        {"outputs": ["raw"]},
+        {"render": {"spp": 32, "width": 16}},
+        {"render": {"spp": 16, "width": 17}},
+        {"grid": {"exposure_s": [0.2]}},
+        {"grid": {"exposure_s": [0.1], "serial": [2]}},
+        {"grid": {"exposure_s": [0.1], "frames": [2]}},
+        {"grid": {"exposure_s": [0.1], "repetition": [1]}},
+        {"grid": {"exposure_s": [0.1], "temperature_k": [299]}},
+        {"cameras": [{"camera": "konnik_table1", "set": {"adc.bits": 11}}]},
+        {"cameras": [{"camera": "konnik_table1", "without": ["prnu"]}]},
+        {
+            "scenes": [
+                {"name": "flat", "file": "flat_field.xml", "parameters": {"radiance": 3e-4}}
+            ]
+        },
+        {"scenes": [{"name": "flat", "file": "flat_field.xml", "integrator": "direct"}]},
+        {"scenes": [{"name": "flat", "file": "step_wedge.xml"}]},
+        {
+            "scenes": [
+                {
+                    "name": "flat",
+                    "file": "flat_field.xml",
+                    "views": [{"origin_m": [0, 0, 1], "target_m": [0, 0, 0]}],
+                }
+            ]
+        },
+    ],
+)
+def test_everything_that_decides_a_sample_is_in_its_key(change: Mapping[str, Any]) -> None:
+    usual = {"grid": {"exposure_s": [0.1]}}
+    assert (
+        samples_of(tasks_of(**usual))[0].key
+        != samples_of(tasks_of(**{**usual, **change}))[0].key
+    )
+
+
+def test_names_and_texts_for_people_are_not_in_the_key() -> None:
+    usual = samples_of(tasks_of(grid={"exposure_s": [0.1]}))[0].key
+    named = [{"camera": "konnik_table1", "name": "mine", "set": {}}]
+    other = tasks_of(
+        grid={"exposure_s": [0.1]},
+        cameras=named,
+        scenes=[{"name": "other", "file": "flat_field.xml"}],
+        name="b",
+    )
+    assert samples_of(other)[0].key == usual
+
+
+LAWS: list[tuple[dict[str, Any], Any]] = [
+    ({"uniform": [2.0, 5.0]}, scipy.stats.uniform(2, 3)),
+    ({"log_uniform": [1e-3, 10.0]}, scipy.stats.loguniform(1e-3, 10)),
+    ({"normal": [298.0, 3.0]}, scipy.stats.norm(298, 3)),
+]
+
+
+@pytest.mark.parametrize(("law", "expected"), LAWS)
+def test_random_numbers_follow_their_law(law: dict[str, Any], expected: Any) -> None:
+    """Kolmogorov-Smirnov at 1e-4, fixed names."""
+    values = [drawn(Distribution(**law), share_of(7, "scene", "x", k)) for k in range(20_000)]
+    assert scipy.stats.kstest(values, expected.cdf).pvalue > 1e-4
+
+
+@pytest.mark.parametrize("law", [{"integer": [3, 8]}, {"choice": [3, 4, 5, 6, 7, 8]}])
+def test_whole_numbers_and_choices_are_equally_likely(law: dict[str, Any]) -> None:
+    """χ² at 1e-4."""
+    values = [drawn(Distribution(**law), share_of(3, "scene", "x", k)) for k in range(12_000)]
+    assert scipy.stats.chisquare([values.count(k) for k in range(3, 9)]).pvalue > 1e-4
+
+
+def test_a_draw_is_the_same_for_every_camera_and_row_and_other_for_every_scene() -> None:
+    file_tables: dict[str, Any] = {
+        "scenes": [{"name": name, "file": "flat_field.xml"} for name in ("a", "b")],
+        "cameras": [{"camera": "konnik_table1"}, {"camera": "bayer_2mp"}],
+        "random": {"draws": 5, "values": {"exposure_s": {"log_uniform": [0.01, 1]}}},
+    }
+    found: dict[tuple[str, int], set[float]] = {}
+    for one in samples_of(tasks_of(**file_tables)):
+        scene_and_draw = one.values["scene"], one.config["draw"]
+        found.setdefault(scene_and_draw, set()).add(one.values["exposure_s"])
+    assert all(len(values) == 1 for values in found.values())
+    assert len(set.union(*found.values())) == 10
+
+
+def test_a_path_goes_through_its_keys_in_even_steps() -> None:
+    keys = [
+        {"time_s": 0, "origin_m": [0, 0, 4], "target_m": [0, 0, 0]},
+        {"time_s": 1, "origin_m": [2, 0, 4], "target_m": [0, 1, 0]},
+        {"time_s": 3, "origin_m": [2, 4, 4], "target_m": [0, 1, 0]},
+    ]
+    file_tables: dict[str, Any] = {
+        "scenes": [{**TABLES["scenes"][0], "path": {"views": 7, "keys": keys}}]
+    }
+    found = [view for view in Poses(plan_of(**file_tables).file.scenes[0]) if view is not None]
+    origins = np.array([view.origin_m for view in found])
+    expected = [[0, 0, 4], [1, 0, 4], [2, 0, 4], [2, 1, 4], [2, 2, 4], [2, 3, 4], [2, 4, 4]]
+    np.testing.assert_allclose(origins, expected, atol=1e-6)
+    np.testing.assert_allclose(
+        [view.target_m[1] for view in found], [0, 0.5, 1, 1, 1, 1, 1], atol=1e-6
+    )
+
+
+def test_a_loop_has_each_pose_once() -> None:
+    corners = [[1, 0, 1], [1, 0, -1], [-1, 0, -1], [-1, 0, 1], [1, 0, 1]]
+    keys = [
+        {"time_s": n, "origin_m": corner, "target_m": [0, 0, 0]}
+        for n, corner in enumerate(corners)
+    ]
+    scene = TABLES["scenes"][0]
+    loop = plan_of(scenes=[{**scene, "path": {"views": 8, "keys": keys}}]).file
+    found = [view.origin_m for view in Poses(loop.scenes[0]) if view is not None]
+    middles = [[1, 0, 0], [0, 0, -1], [-1, 0, 0], [0, 0, 1]]
+    expected = [place for pair in zip(corners, middles, strict=False) for place in pair]
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    turned = [*keys[:-1], {**keys[-1], "up": [0, 1, 1]}]
+    no_loop = plan_of(scenes=[{**scene, "path": {"views": 9, "keys": turned}}]).file
+    np.testing.assert_allclose(
+        [view.origin_m for view in Poses(no_loop.scenes[0]) if view], [*expected, corners[0]]
+    )
+
+
+@pytest.mark.parametrize("samples", [2_000, exhaustive(1_000_000)])
+def test_samples_stream_without_a_list_of_them(samples: int) -> None:
+    """Of each there are eight bytes, to find those that are there twice."""
+    draws = {"parameters.radiance": {"log_uniform": [1e-5, 1e-3]}}
+    plan = plan_of(
+        random={"draws": samples // 2, "values": draws}, grid={"exposure_s": [0.1, 0.2]}
+    )
+    next(plan.tasks())
+    tracemalloc.start()
+    counts = checked_counts(plan)
+    assert counts.samples == samples and counts.tasks == samples // 2
+    assert tracemalloc.get_traced_memory()[1] < 1e7 + 30 * samples
+    tracemalloc.stop()
+
+
+def test_samples_of_a_light_with_many_are_several_tasks_of_one_light() -> None:
+    tasks = tasks_of(grid={"repetition": [*range(2500)]})
+    assert [len(task.samples) for task in tasks] == [1000, 1000, 500]
+    assert (
+        len({task.light_key for task in tasks}) == len({str(task.lead) for task in tasks}) == 1
+    )
+    large = tasks_of(
+        grid={"repetition": [*range(200)]}, cameras=[{"camera": "sony_a7s2"}], render={"spp": 4}
+    )
+    assert 1 < len(large) <= 200 // 16 + 1, "samples of 12 million pixels"
+
+
+@pytest.mark.parametrize(
+    "tables",
+    [
+        {"grid": {"exposure_s": [1, 0.1, 1.0]}},
+        {"list": [{"exposure_s": 0.1}, {"exposure_s": 0.1}]},
+        {"scenes": [{"name": name, "file": "flat_field.xml"} for name in ("a", "b")]},
+        {"cameras": [{"camera": "konnik_table1", "name": name} for name in ("a", "b")]},
+        {"scenes": [{**TABLES["scenes"][0], "views": [POSE, POSE]}]},
+        {"grid": {"f_number": [4, 4.0]}},
+        {"grid": {"parameters.radiance": [1, "1"]}},
+        {"list": [{"serial": 1}, {}]},
+    ],
+)
+def test_two_samples_that_are_one_are_refused_with_both_places(tables: dict[str, Any]) -> None:
+    with pytest.raises(
+        InputError, match=r"two samples are the same \(.*scene .*; and .*scene "
+    ):
+        checked_counts(plan_of(**tables))
+
+
+def test_draws_with_the_same_choice_of_light_share_it() -> None:
+    laws = {"f_number": {"choice": [2.0, 4.0]}, "exposure_s": {"uniform": [0.1, 0.2]}}
+    views = tasks_of(random={"draws": 40, "values": laws})
+    assert len(views) == 2 and len({one.key for one in samples_of(views)}) == 40
+    assert sorted(one.config["draw"] for one in samples_of(views)) == [*range(40)]
+
+
+@pytest.mark.parametrize("rows", [[{"exposure_s": 0.1}, {}], [{"exposure_s": "auto"}], [{}]])
+def test_samples_of_what_moves_share_no_light_that_was_metered_for_another_gain(
+    rows: list[dict[str, Any]],
+) -> None:
+    """Each sample names the light that its own configuration asks for."""
+    scene = {**TABLES["scenes"][0], "motion": {"camera": {"velocity_m_per_s": [0.01, 0, 0]}}}
+    tables: dict[str, Any] = {
+        "scenes": [scene],
+        "list": rows,
+        "grid": {"camera.adc.black_level_dn": [10, 20]},
+    }
+    plan = plan_of(**tables)
+    for sweep in plan.sweeps:
+        for number in range(sweep.lights):
+            light = sweep.light(number)
+            for row in range(len(rows)):
+                keys = set()
+                for exposure in range(sweep.exposures(light)):
+                    one = sweep.combination(light, row, 0, exposure)
+                    light_facts = plan.lights.described(
+                        one, plan.cameras.of(one), exposure_asked(one.values)
+                    )
+                    keys.add(key_of(light_facts))
+                assert len(keys) == 1
+    assert len(samples_of([*plan.tasks()])) == 2 * len(rows)

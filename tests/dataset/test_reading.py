@@ -1,0 +1,311 @@
+"""What is read of a dataset: samples by number, key and value, arrays, batches, card, contact sheet, table, `show`."""
+
+from __future__ import annotations
+
+import csv
+import json
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import typer
+from helpers.scenes import SKY, scene_text, write_scene
+from PIL import Image
+
+import mitsuba_sensor as ms
+from mitsuba_sensor.dataset import TorchDataset, batches, make_dataset
+from mitsuba_sensor.dataset.card import SAMPLES_READ_MAX, caption, sheet_rows, time_text
+from mitsuba_sensor.dataset.store import Store
+from mitsuba_sensor.dataset.table import Line
+from mitsuba_sensor.optics.spectra import inverse_srgb_curve, srgb_curve
+from mitsuba_sensor.output.contact_sheet import (
+    Captioned,
+    SheetRow,
+    brightened,
+    contact_sheet,
+)
+
+FILE = """
+name = "views"
+description = "two scenes | small"
+licence = "CC0-1.0"
+outputs = ["raw", "clean", "variance", "preview", "aovs"]
+render = { spp = 4, width = 24, denoise = false }
+cameras = [{ camera = "konnik_table1", set = { "adc.full_scale_v" = 1.0 } }]
+grid = { exposure_ev = [0, -2] }
+list = [
+    { exposure_s = 2.2e-5, "camera.adc.full_scale_v" = 1.0 },
+    { exposure_s = "auto", "camera.adc.full_scale_v" = 0.1 },
+]
+[[scenes]]
+name = "flat"
+file = "flat_field"
+[[scenes]]
+name = "box"
+file = "cornell_box"
+views = [{ origin_m = [0, 1, 3.9], target_m = [0, 1, 0] }, { origin_m = [0, 1.5, 3.9], target_m = [0, 1, 0] }]
+[splits]
+shares = { train = 0.5, test = 0.5 }
+"""
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("views")
+    (folder / "views.toml").write_text(FILE, "utf-8")
+    found = make_dataset(folder / "views.toml", folder / "out", workers=0)
+    assert not found.failed and found.render_noise.startswith("Render noise is ")
+    return folder / "out"
+
+
+def test_a_sample_shows_itself_and_its_arrays(made: Path) -> None:
+    dataset = ms.Dataset(made)
+    assert repr(dataset).startswith("<Dataset: 12 samples (test ") and len(dataset[2:5]) == 3
+    for sample in dataset:
+        assert len(repr(sample)) < 250 and sample.key[:8] in repr(sample)
+        depth_m = sample.read("depth")
+        np.testing.assert_array_equal(depth_m, sample.read("depth_m"))
+        assert sample.read("raw").shape == (1, *depth_m.shape)
+        assert sample.read("clean").dtype == np.float32
+        assert json.loads(sample.files["sample.json"]) == sample.facts
+    for name, said in (
+        ("aovs", "'depth'"),
+        ("raww", "Did you mean 'raw'"),
+        ("companded", "outputs"),
+    ):
+        with pytest.raises(ms.InputError, match=said):
+            sample.read(name)
+    with pytest.raises(ms.InputError, match="there is no dataset in"):
+        ms.Dataset(made.parent)
+
+
+def test_samples_are_found_by_scene_view_and_exposure(made: Path) -> None:
+    samples = ms.Dataset(made)
+    found = samples.where(scene="box", view=1, exposure_s=2.2e-5)
+    assert isinstance(found, ms.Dataset)
+    assert [one.values["exposure_ev"] for one in found] == [0, -2]
+    assert [x.key for x in samples.where(exposure_s="auto", exposure_ev=-2.0, view=0)] == [
+        samples[7].key
+    ]
+    assert len(samples.where(exposure_s=2.2e-5 * (1 + 1e-15))) == 6
+    assert len(found.where(exposure_ev=0)) == 1 and not len(samples.where(scene="flat", view=0))
+
+
+@pytest.mark.parametrize(
+    ("asked", "sentence"),
+    [
+        ({"scene": "boxx"}, "scene is 'boxx'; the samples have flat, box. Did you mean 'box'?"),
+        ({"scene": "box", "view": 7}, "view is 7; the samples have 0, 1."),
+        ({"split": "val"}, "split is 'val'; the samples have"),
+        ({"exposure": 1}, "no sample has 'exposure'; what they have: split, "),
+    ],
+)
+def test_what_no_sample_has_is_a_sentence_with_what_there_is(
+    made: Path, asked: dict[str, object], sentence: str
+) -> None:
+    with pytest.raises(ms.InputError) as caught:
+        ms.Dataset(made).where(**asked)
+    assert str(caught.value).startswith(sentence)
+
+
+def test_show_says_what_a_sample_is(
+    made: Path, tmp_path: Path, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """22 µs and 298.15 K as they are; by number and by the beginning of a key."""
+    sample, opened = ms.Dataset(made)[4], list[str]()
+    facts = json.loads(cli("dataset", "show", made, "4", "--json").stdout)
+    by_key = json.loads(cli("dataset", "show", made, sample.key[:8].upper(), "--json").stdout)
+    assert facts == by_key and facts["key"] == sample.key
+    noise_dn = float(np.median(np.sqrt(sample.read("variance"))))
+    signal_dn = np.median(sample.read("raw")) - facts["image"]["black_level_dn"]
+    assert facts["noise"]["snr"] == pytest.approx(signal_dn / noise_dn)
+    assert facts["files"]["frame.png"] == len(sample.files["frame.png"])
+    said = " ".join(cli("dataset", "show", made, "4").stdout.split())
+    assert "22 µs at 298.15 K" in said and "--picture FILE.png writes one" in said
+    for wrong in ("12", "-1", "abc", "f" * 24, ""):
+        done = cli("dataset", "show", made, "--", wrong)
+        assert done.exit_code == 2 and "give a number from 0 to 11, or a key" in done.stderr
+    monkeypatch.setattr(typer, "launch", lambda path: opened.append(path) or 1)
+    place = tmp_path / "four.png"
+    done = cli("dataset", "show", made, "4", "--picture", place, "--open")
+    assert opened == [str(place)] and "no program here shows pictures" in done.stderr
+    np.testing.assert_array_equal(np.asarray(Image.open(place)), sample.read("preview"))
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0, "0 s"), (2.2e-5, "22 µs"), (0.0025, "2.5 ms"), (90, "90 s"), (1e-12, "0.001 ns")],
+)
+def test_times_have_the_unit_that_shows_them(seconds: float, text: str) -> None:
+    assert time_text(seconds) == text
+
+
+def test_a_preview_that_is_not_stored_is_developed(made: Path, tmp_path: Path) -> None:
+    """The same pictures of a camera without colour filters, whose white needs no light of the scene."""
+    file = tmp_path / "views.toml"
+    file.write_text(FILE.replace(', "preview", "aovs"', ""), "utf-8")
+    make_dataset(file, tmp_path / "out", workers=0)
+    for stored, developed in zip(ms.Dataset(made), ms.Dataset(tmp_path / "out"), strict=True):
+        assert not developed.has("frame.png")
+        np.testing.assert_array_equal(stored.read("preview"), developed.read("preview"))
+    assert (tmp_path / "out/contact_sheet.png").is_file()
+
+
+def test_batches_are_every_sample_once_in_an_order_of_each_epoch(made: Path) -> None:
+    samples, orders = ms.Dataset(made, "train"), []
+    means = sorted(float(one.read("clean").mean()) for one in samples)
+    for epoch in (0, 1, 0):
+        found = list(batches(samples, ("raw", "clean"), 3, seed=3, epoch=epoch))
+        assert {len(one["raw"]) for one in found[:-1]} <= {3}
+        orders.append([float(x.mean()) for one in found for x in one["clean"]])
+        assert sorted(orders[-1]) == means
+    assert orders[0] == orders[2] != orders[1]
+
+    class Odd:
+        def __init__(self, rows: int) -> None:
+            self.rows = rows
+
+        def read(self, name: str) -> np.ndarray:
+            return np.zeros((self.rows, 2))
+
+    with pytest.raises(ms.InputError, match=r"shapes \[\(2, 2\), \(3, 2\)\]; take size=1"):
+        list(batches([Odd(2), Odd(3)], ("clean",)))
+
+
+def test_pytorch_loads_samples_in_workers(made: Path) -> None:
+    samples = ms.Dataset(made, "test")
+    again = pickle.loads(pickle.dumps(TorchDataset(samples))).samples
+    assert [x.key for x in again] == [x.key for x in samples]
+    torch = pytest.importorskip("torch")
+    data = TorchDataset(samples, ("raw", "shape_index"), transform=lambda found: found[:1])
+    loader = torch.utils.data.DataLoader(data, batch_size=4, num_workers=2)
+    raw = torch.cat([raw for (raw,) in loader])
+    expected = np.stack([one.read("raw") for one in samples]).astype(np.float32)
+    np.testing.assert_array_equal(raw.numpy(), expected)
+    assert TorchDataset(samples, ("shape_index",))[0][0].dtype == torch.int64
+
+
+def test_card_and_table_say_what_is_in_the_dataset(made: Path) -> None:
+    """Gains that an axis varies by ten are ranges; every sample is a row of the table with its own."""
+    samples, text = [*ms.Dataset(made)], (made / "README.md").read_text("utf-8")
+    assert "license: cc0-1.0" in text and "two scenes | small" in text and "\n\n\n" not in text
+    assert "| samples | 12 |" in text and "| renders | 3 |" in text
+    assert "| scenes | box, flat |" in text
+    total = sum(map(len, (x for one in samples for x in one.files.values())))
+    (size,) = (x for x in text.splitlines() if x.startswith("| bytes |"))
+    assert int(size.strip("| bytes").replace(" ", "")) > total
+    low, high = (
+        np.min([x.read("raw") for x in samples]),
+        np.max([x.read("raw") for x in samples]),
+    )
+    (row,) = (x for x in text.splitlines() if "raw frame [DN]" in x)
+    cells = [cell.replace(" ", "") for cell in row.strip("|").split("|")]
+    assert (cells[3], cells[-1]) == (str(low), str(high))
+    ratios = {one.task: one.facts["light"]["noise_ratio_median"] for one in samples}
+    median = np.median([*ratios.values()])
+    assert f"Render noise is {median:.3g} × " in text and "and over 3 views)" in text
+    gains = sorted({one.facts["system_gain_dn_per_e"] for one in samples})
+    assert f"| {gains[0]:.5g} to {gains[-1]:.5g} |" in text and "samples differ" in text
+    with (made / "samples.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    for sample, line in zip(samples, rows, strict=True):
+        assert (line["key"], line["scene"]) == (sample.key, sample.values["scene"])
+        assert float(line["exposed_s"]) == sample.facts["image"]["exposure_s"]
+        assert float(line["system_gain_dn_per_e"]) == sample.facts["system_gain_dn_per_e"]
+    assert rows[-1]["pose.origin_m"] == "0.0 1.5 3.9" and rows[0]["pose.origin_m"] == ""
+
+
+def test_a_run_that_changes_nothing_leaves_them_and_writes_again_what_is_missing(
+    made: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = ("README.md", "contact_sheet.png", "samples.csv")
+    before = {name: (made / name).read_bytes() for name in names}
+    for name in names:
+        (made / name).unlink()
+        make_dataset(made.parent / "views.toml", made, workers=0)
+        assert {x: (made / x).read_bytes() for x in names} == before
+    monkeypatch.setattr("mitsuba_sensor.dataset.overview.write_card", None)
+    assert not make_dataset(made.parent / "views.toml", made, workers=0).remarks
+    (made / "README.md").rename(made / "kept")
+    (made / "README.md").mkdir()
+    monkeypatch.undo()
+    (remark,) = make_dataset(made.parent / "views.toml", made, workers=0).remarks
+    assert "was not written: cannot write" in remark
+    (made / "README.md").rmdir()
+    (made / "kept").rename(made / "README.md")
+
+
+def test_light_that_is_too_bright_and_missing_samples_are_in_the_card(tmp_path: Path) -> None:
+    """A sky of 7.3e9 cd/m² is metered to nanoseconds; without pictures there is no sheet."""
+    write_scene(tmp_path, scene_text(SKY.replace("2e-4", "1e5")))
+    text = FILE[: FILE.index("grid")].replace(', "preview", "aovs"', "").replace('"raw", ', "")
+    text = text.replace("width = 24", "width = 8")
+    scenes = '[[scenes]]\nname = "sky"\nfile = "scene.xml"\n'
+    dark = f"{scenes.replace('sky', 'dark')}parameters = {{ none = 1 }}\n"
+    (tmp_path / "sky.toml").write_text(text + scenes, "utf-8")
+    found = make_dataset(tmp_path / "sky.toml", tmp_path / "out", roots=[tmp_path], workers=0)
+    (remark,) = found.remarks
+    card = (tmp_path / "out/README.md").read_text("utf-8")
+    assert "metered exposure time is" in remark and remark in card and dark
+    assert "no contact sheet: neither `preview` nor `raw`" in card
+    assert not (tmp_path / "out/contact_sheet.png").exists()
+
+
+def test_a_card_reads_some_samples_of_a_big_dataset(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Callable[..., Any]
+) -> None:
+    assert SAMPLES_READ_MAX >= 100
+    monkeypatch.setattr("mitsuba_sensor.dataset.card.SAMPLES_READ_MAX", 3)
+    done = cli("dataset", "export", "card", made, "-o", tmp_path / "out", "--licence", "a b")
+    text = (tmp_path / "out/README.md").read_text("utf-8")
+    assert done.exit_code == 0 and "| samples | 12 |" in text and "license:" not in text
+    assert "\n3 of the 12 samples, evenly chosen, were read" in text and "\na b\n" in text
+
+
+def test_a_row_of_the_sheet_is_a_scene_and_view_and_says_the_exposures(made: Path) -> None:
+    dataset = ms.Dataset(made)
+    rows = sheet_rows(Store(made), dataset.table)
+    assert [row.label for row in rows] == [["flat"], ["box", "view 0"], ["box", "view 1"]]
+    for row in rows:
+        lines = [picture.caption[0] for picture in row.pictures]
+        assert len(lines) == 4 and {"22 µs", "5.5 µs, -2 EV"} < {*lines}
+        assert {picture.caption[1] for picture in row.pictures} == {
+            "full_scale_v 1",
+            "full_scale_v 0.1",
+        }
+
+
+@pytest.mark.parametrize(
+    ("values", "lines"),
+    [
+        ({"exposure_ev": -1.5, "camera.adc.bits": 10}, ["300 ms, -1.5 EV", "bits 10"]),
+        ({"exposure_ev": 0, "camera": "bayer"}, ["300 ms", "bayer"]),
+        ({"traverse.lamp.value": [0.5, 1.0, 2.0], "view": 3}, ["300 ms", "value 0.5 1 2"]),
+    ],
+)
+def test_a_caption_is_the_time_that_was_exposed_and_what_varies(
+    values: dict[str, object], lines: list[str]
+) -> None:
+    line = Line("", "", "", 0, 0, 0, 0, 0, {"exposed_s": 0.3}, values)
+    assert caption(line, [*values]) == lines
+
+
+@pytest.mark.parametrize(("code", "stops"), [(255, 0), (190, 0), (60, 3), (8, 6), (0, 0)])
+def test_a_dark_picture_of_a_sheet_is_shown_brighter_by_whole_stops(
+    code: int, stops: int
+) -> None:
+    """Half of white is 188 of 255 behind the curve of sRGB; 60 is 4.5 % of white, 8 is 0.24 %; black stays black."""
+    picture, factor = brightened(np.full((4, 5, 3), code, np.uint8))
+    expected = srgb_curve(inverse_srgb_curve(np.array(code / 255)) * factor)
+    assert factor == 2**stops
+    np.testing.assert_array_equal(picture, np.rint(255 * expected).astype(np.uint8))
+
+
+def test_a_picture_that_cannot_be_read_is_one_sentence(tmp_path: Path) -> None:
+    for content in (b"", b"\x89PNG\r\n\x1a\n"):
+        with pytest.raises(ms.InputError, match="is no picture that can be read") as caught:
+            contact_sheet([SheetRow(["a"], [Captioned(content, ["b"])])])
+        assert "\n" not in str(caught.value)
