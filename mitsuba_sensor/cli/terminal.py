@@ -11,7 +11,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ..core.progress import duration
-from ..theory.plan import IDLE, NEEDED, CombinedPlan, Plan
+from ..theory.plan import Plan
+from ..theory.plan_trial import IDLE, NEEDED
 from .counted import counted
 from .sentences import said_here
 from .tables import FittedTable, number, rough
@@ -69,30 +70,12 @@ def _camera_and_gain(report: Report) -> str:
     return f"{camera['name']}{setting}, K = {report['K_dn_per_e']:.4g} DN/e-"
 
 
-def plans_sheet(
-    plan: Plan | CombinedPlan, needs: Sequence[RenderRequirement]
-) -> RenderableType:
-    """What a plan keeps and leaves out, sensor and render; of several read-outs that of each."""
-    if isinstance(plan, Plan):
-        return plan_sheet(plan, needs)
-    head = f"{plan.camera}: without the stages that are not needed, the linear code changes by at most "
-    parts: list[RenderableType] = [Text(f"{head}{plan.tolerance_dn:g} DN", style="bold")]
-    for name, own in plan.readouts.items():
-        parts += [Text(f"\nread-out {name}", style="bold"), plan_sheet(own, [])]
-    return Group(*parts, _needs(needs))
-
-
 def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType:
     """What a plan keeps and leaves out, sensor and render, with the effect in DN."""
-    held = plan.range
     head = (
         f"{plan.camera}: without the stages that are not needed, no sampled pixel changes by more than "
         f"{plan.tolerance_dn:g} DN"
     )
-    light = (
-        f"{number(held.darkest_e)} … {number(held.brightest_e)} mean photoelectrons per pixel"
-    )
-    conditions = f"{held.exposure.time_s:g} s at {held.exposure.temperature_k:g} K, {held.columns} × {held.rows} pixels"
     below = [e.stage for e in plan.effects if not e.kept and e.reason != IDLE]
     stages = {
         reason: [e.stage for e in plan.effects if e.reason == reason]
@@ -105,17 +88,12 @@ def plan_sheet(plan: Plan, needs: Sequence[RenderRequirement]) -> RenderableType
     }
     clipped = f"{100 * plan.clipped:.3g} % of {plan.pixels} sampled pixels"
     lists = {name: ", ".join(found) for name, found in names.items() if found}
-    facts = {"holds for": f"{light}, {conditions}", **lists, "clipped": clipped}
+    facts = {"holds for": plan.conditions, **lists, "clipped": clipped}
     lines = (fact(name, text) for name, text in facts.items())
     tables = [_effects(plan)]
     if needs:
         tables.append(_needs(needs))
-    return Group(
-        Text(head, style="bold"),
-        *tables,
-        *lines,
-        Text(plan.float32.explain()),
-    )
+    return Group(Text(head, style="bold"), *tables, *lines)
 
 
 def _effects(plan: Plan) -> FittedTable:
@@ -285,16 +263,6 @@ def _facts(report: Report) -> Iterator[Text]:
     yield from left_out_of(report)
     if idle:
         yield fact("without effect here", ", ".join(idle))
-    single = report["float32"]
-    if single and report["precision"] == "float32" and single["share_of_pixels"]:
-        share, most = f"{100 * single['share_of_pixels']:.2g} %", f"{single['largest_dn']:g} DN"
-        advice = "; `--precision float64` is better"
-        if single["precision"] == "float32":
-            advice = ""
-        yield fact(
-            "float32",
-            f"about {share} of the pixels differ from float64, by at most {most}{advice}",
-        )
     yield fact(
         "seconds",
         ", ".join(f"{name} {seconds:.2f}" for name, seconds in report["times_s"].items()),

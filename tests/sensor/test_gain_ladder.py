@@ -422,9 +422,6 @@ def test_stages_of_ones_own_stay_at_every_setting() -> None:
         def sample(self, signal: Any, frame: Any) -> Any:
             return signal + 0.01
 
-        def moments(self, m: Any) -> Any:
-            return m.add(mean=0.01)
-
     camera = CAMERA.with_stage(Fixed(), after="sense_node").at_gain(400)
     assert len(camera.added) == 1
     shift = 0.01 / sense_gain_v_per_e(camera)

@@ -18,8 +18,8 @@ from ...sensor.expose import PreparedExposure
 from ...sensor.frame_times import FrameTimes
 from ...sensor.metering import AskedExposure
 from ...sensor.options import ExposeOptions
-from ...stages.compensation import LIMIT, compensable, largest_e2
 from ...stages.effects.dark_current import mean_dark_e
+from ...stages.effects.shot_noise import LIMIT, compensable, largest_e2
 from ..light.irradiance import Irradiance
 from ..light.light_source import CollectedLight
 from ..light.photons import photons_of
@@ -45,7 +45,7 @@ from .stop_criterion import (
 PerFrameNoise = Literal["compensated", "per-frame"]
 TARGET = (
     LIMIT / 2
-)  # median of v/μ: below it the total has the shape of a Poisson law (stages/compensation.py)
+)  # median of v/μ: below it the total has the shape of a Poisson law (stages/effects/shot_noise.py)
 FEWEST_FREEDOM = 7  # degrees of freedom of a measured variance; with fewer passes more than 1 % stays uncompensated
 UNCOMPENSATED = 0.01  # of the shot variance, averaged over all but the noisiest pixels: what may stay as excess noise
 NOISIEST = 0.01  # of the pixels, e.g. edges of a lamp: they alone would ask for two to three times the samples
