@@ -37,9 +37,7 @@ def bare_camera(sigma_dn: float, dn_per_e: float = 0.125, **fields: float) -> ms
 def mean_and_variance(camera: ms.Camera, electrons: float) -> tuple[float, float]:
     """E[code] and Var[code] at so many mean photoelectrons."""
     gain = gain_dn_per_e(camera)
-    sigma = (
-        SourceFollowerNoise.from_camera(camera, ()).sigma_v / sense_gain_v_per_e(camera) * gain
-    )
+    sigma = SourceFollowerNoise.from_camera(camera).sigma_v / sense_gain_v_per_e(camera) * gain
     counts = np.arange(0, electrons + 12 * np.sqrt(electrons) + 30)
     ideal = camera.black_level_dn + gain * np.minimum(counts, camera.pixel.full_well_e)
     codes = np.arange(1, 2**camera.adc.bits)

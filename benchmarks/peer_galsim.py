@@ -23,9 +23,7 @@ def frames(
     """Endless frames (H, W) uint16. GalSim does not clip at the ends of the ADC range, so NumPy does."""
     qe = reference_qe(camera)
     dn_per_e, dark_dn = gain_dn_per_e(camera), camera.black_level_dn
-    read_noise_e = SourceFollowerNoise.from_camera(camera, ()).sigma_v / sense_gain_v_per_e(
-        camera
-    )
+    read_noise_e = SourceFollowerNoise.from_camera(camera).sigma_v / sense_gain_v_per_e(camera)
     noise = galsim.CCDNoise(galsim.BaseDeviate(2), gain=1 / dn_per_e, read_noise=read_noise_e)
     while True:
         image = galsim.ImageF((photons * (qe * dn_per_e)).astype(np.float32))

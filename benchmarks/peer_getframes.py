@@ -42,7 +42,7 @@ def config_of(
     camera: ms.Camera, shape: tuple[int, ...], exposure: ms.Exposure
 ) -> getframes.CameraConfig:
     """The parameters of getframes."""
-    read_noise_v = SourceFollowerNoise.from_camera(camera, ()).sigma_v
+    read_noise_v = SourceFollowerNoise.from_camera(camera).sigma_v
     return getframes.CameraConfig(
         name="the same camera",
         sensor_type="CMOS",

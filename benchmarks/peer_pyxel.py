@@ -66,7 +66,7 @@ def pipeline_of(
     """The models in the order of the pipeline."""
     dark_e_per_s = dark_current_model(camera).rate_e_per_s(exposure.temperature_k)
     read_noise_v = (
-        SourceFollowerNoise.from_camera(camera, ()).sigma_v
+        SourceFollowerNoise.from_camera(camera).sigma_v
         * camera.source_follower.gain
         * camera.readout.cds_gain
     )

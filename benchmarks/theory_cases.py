@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.figures import saturation_e
-from mitsuba_sensor.core import Electrons, Frame, Moments
+from mitsuba_sensor.core import Electrons, Frame
 from mitsuba_sensor.core.types import Array
 
 TABLE1, BAYER, RGBIR, CCD = (
@@ -67,10 +67,6 @@ class SkewedGain(ms.Stage):
             electrons, light=electrons.light * (number(1.0) + number(self.share) * sign)
         )
 
-    def moments(self, m: Moments) -> Moments:
-        """Spatial variance (share·mean)²."""
-        return m.add(spatial=(self.share * m.mean) ** 2)
-
 
 @dataclass(frozen=True)
 class SupplyNoise(ms.Stage):
@@ -82,10 +78,6 @@ class SupplyNoise(ms.Stage):
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing with the noise."""
         return swing + frame.number(self.sigma_v) * frame.normal("supply_noise")
-
-    def moments(self, m: Moments) -> Moments:
-        """Adds σ²."""
-        return m.add(temporal=self.sigma_v**2)
 
 
 def changed(camera: ms.Camera, **changes: Any) -> ms.Camera:

@@ -3,7 +3,7 @@
     python examples/own_noise_source.py -o amp_glow/      # frame.png and frame.tiff: a dark frame with the glow
 
 Nothing in the package knows of it, and yet it runs on NumPy and as a compiled kernel, and appears in theory, plan,
-noise budget and metadata. ``ms.check_stage`` compares its theory with its samples all over the sensor.
+noise budget and metadata. ``ms.check_stage`` measures what it does all over the sensor.
 """
 
 from __future__ import annotations
@@ -38,10 +38,6 @@ class AmpGlow(ms.Stage):
         """Electrons with the glow, whose shot noise is drawn by the stage that counts all electrons."""
         glow_e = frame.window.backend.from_numpy(self.glow_e(frame), frame.window)
         return replace(electrons, dark=electrons.dark + glow_e)
-
-    def moments(self, m: ms.Moments) -> ms.Moments:
-        """Adds the glow to the mean of every pixel."""
-        return m.add(mean=self.glow_e(m.frame))
 
 
 def main() -> None:

@@ -12,7 +12,6 @@ from .core import Electrons as Electrons
 from .core import Exposure as Exposure
 from .core import Frame as Frame
 from .core import InputError as InputError
-from .core import Moments as Moments
 from .core import Photons as Photons
 from .core import SensorWarning as SensorWarning
 from .dataset.read import Dataset as Dataset

@@ -247,7 +247,6 @@ def frame_metadata(exposed: Exposed, times_s: dict[str, float]) -> dict[str, Any
         "render": statistics,
         "render_noise": noise,
         "effects": planned.get("stages", []),
-        "float32": planned.get("float32"),
         "times_s": times_s,
     }
 

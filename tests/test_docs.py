@@ -243,7 +243,7 @@ def test_a_signature_of_the_api_page_has_the_types_of_the_source() -> None:
         "(camera: AnyCamera, exposure: Exposure, photons: Photons | ArrayLike, "
         "tolerance_dn: float = 0.0, wavelengths_nm: ArrayLike | None = None, "
         "maps: Mapping[str, ArrayLike] | None = None)",
-        "Plan | CombinedPlan",
+        "Plan",
     )
     shown, result = GENERATED.signature(ms.Frame.row_normal)
     assert (shown, result) == ("(source: str, rows: ArrayLike | None = None)", "Array")

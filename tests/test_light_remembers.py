@@ -131,10 +131,6 @@ def test_an_added_stage_is_not_kept() -> None:
             """As it is."""
             return signal
 
-        def moments(self, m: Any) -> Any:
-            """As they are."""
-            return m
-
     camera = BAYER.with_stage(Hum(), after="reset_noise")
     light = ms.render(SCENE, camera, ms.Exposure(0.1), spp=2, width=16)
     assert light.rendered_for is not None and light.rendered_for.camera is None

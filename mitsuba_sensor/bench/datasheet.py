@@ -10,6 +10,7 @@ from ..camera.camera import Camera
 from ..camera.figures import emva_figures
 from ..core import Exposure
 from ..stages.effects.dark_current import dark_current_model, mean_dark_e
+from ..stages.stage import place_of_count
 
 SMALL_K = 0.01
 """Half the temperature step of the derivative of the dark current [K]."""
@@ -62,7 +63,7 @@ def expected(
     found = {symbol: Said(value, value, value) for symbol, value in exact.items()}
     near_e = SIGMAS * math.hypot(math.sqrt(full_e), pixel.prnu * full_e)
     sat = found["µ_e.sat"] = Said(full_e, full_e - near_e, full_e)
-    if any(stage.counts_electrons for stage in camera.stages):
+    if place_of_count(camera.stages):
         found["SNR_max"] = Said(*(math.sqrt(max(value, 0.0)) for value in sat))
     found["DR"] = Said(*(value / figures.absolute_sensitivity_e for value in sat))
     prnu = found["PRNU1288_pixel"], found["PRNU1288_col"], found["PRNU1288_row"]

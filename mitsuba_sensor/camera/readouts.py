@@ -11,8 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from ..core import InputError, nearest
-from ..stages.combination import Combination, LinearisedReadout
-from ..stages.combined_readouts import CombinedReadouts, ReadoutChain
+from ..stages.combined_readouts import (
+    Combination,
+    CombinedReadouts,
+    LinearisedReadout,
+    ReadoutChain,
+)
 from ..stages.datasheet import FileTable, Fraction, NotNegative, Positive, optional
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import converter_of

@@ -188,7 +188,7 @@ def plan(
     from .inputs import camera_and_exposure, render_input, settings_of
     from .progress import render_progress
     from .remarks import taken_by_default
-    from .terminal import plans_sheet
+    from .terminal import plan_sheet
 
     tolerance = require(
         "tolerance_dn", number(tolerance_dn), 0.0, 1e9, "digital numbers, e.g. 0.02"
@@ -224,7 +224,7 @@ def plan(
     if as_json:
         show(found.to_dict(), True)
     else:
-        show(plans_sheet(found), False)
+        show(plan_sheet(found), False)
         show_remarks(False, taken_by_default(flags, settings, camera))
 
 

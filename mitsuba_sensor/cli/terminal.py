@@ -10,7 +10,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ..core import by_weight
-from ..theory.plan import IDLE, NEEDED, CombinedPlan, Plan
+from ..theory.plan import Plan
+from ..theory.plan_trial import IDLE, NEEDED
 from .tables import ResultTable, number, rough
 
 NOTES_MAX = 4
@@ -113,28 +114,12 @@ def _camera_and_gain(report: Report) -> str:
     return f"{camera['name']}{setting}, K = {report['K_dn_per_e']:.4g} DN/e-"
 
 
-def plans_sheet(plan: Plan | CombinedPlan) -> RenderableType:
-    """What a plan keeps and leaves out; of several read-outs that of each."""
-    if isinstance(plan, Plan):
-        return plan_sheet(plan)
-    head = f"{plan.camera}: without the stages that are not needed, the linear code changes by at most "
-    parts: list[RenderableType] = [Text(f"{head}{plan.tolerance_dn:g} DN", style="bold")]
-    for name, own in plan.readouts.items():
-        parts += [Text(f"\nread-out {name}", style="bold"), plan_sheet(own)]
-    return Group(*parts)
-
-
 def plan_sheet(plan: Plan) -> RenderableType:
     """What a plan keeps and leaves out, with the effect in DN."""
-    held = plan.range
     head = (
         f"{plan.camera}: without the stages that are not needed, no sampled pixel changes by more than "
         f"{plan.tolerance_dn:g} DN"
     )
-    light = (
-        f"{number(held.darkest_e)} … {number(held.brightest_e)} mean photoelectrons per pixel"
-    )
-    conditions = f"{held.exposure.time_s:g} s at {held.exposure.temperature_k:g} K, {held.columns} × {held.rows} pixels"
     below = [e.stage for e in plan.effects if not e.kept and e.reason != IDLE]
     stages = {
         reason: [e.stage for e in plan.effects if e.reason == reason]
@@ -147,10 +132,9 @@ def plan_sheet(plan: Plan) -> RenderableType:
     }
     clipped = f"{100 * plan.clipped:.3g} % of {plan.pixels} sampled pixels"
     lists = {name: ", ".join(found) for name, found in names.items() if found}
-    facts = {"holds for": f"{light}, {conditions}", **lists, "clipped": clipped}
+    facts = {"holds for": plan.conditions, **lists, "clipped": clipped}
     lines = (fact(name, text) for name, text in facts.items())
-    sentence = Text(plan.float32.explain())
-    return Group(Text(head, style="bold"), _effects(plan), *lines, sentence)
+    return Group(Text(head, style="bold"), _effects(plan), *lines)
 
 
 def _effects(plan: Plan) -> ResultTable:

@@ -1,4 +1,4 @@
-"""What every stage is computed with: units, signals, arrays, random numbers, backends, moments, frames, errors.
+"""What every stage is computed with: units, signals, arrays, random numbers, backends, frames, errors.
 
 The names of __init__.pyi are loaded when they are first used, so that the command line begins without NumPy.
 """

@@ -11,7 +11,6 @@ from .errors import require as require
 from .errors import require_seed as require_seed
 from .exposure import Exposure as Exposure
 from .frame import Frame as Frame
-from .moments import Moments as Moments
 from .near_names import closest as closest
 from .near_names import nearest as nearest
 from .notes import Caution as Caution

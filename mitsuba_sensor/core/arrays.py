@@ -270,11 +270,6 @@ def loop(
     return result
 
 
-def look_up(table: Array, index: Array) -> Array:
-    """``table[index]`` for every pixel."""
-    return np.asarray(table)[index]
-
-
 def interpolate(x: Array, points: Array, values: Array) -> Array:
     """Linear interpolation between the points, 0 outside them."""
     return np.interp(x, points, values, left=0.0, right=0.0)
@@ -299,11 +294,6 @@ def ratio(x: Array, y: Array, otherwise: float) -> Array:
     """x/y where y is positive and finite, else ``otherwise``."""
     good = np.isfinite(y) & (np.asarray(y) > 0)
     return np.where(good, x / np.where(good, y, 1.0), otherwise)
-
-
-def as_index(x: Array) -> Array:
-    """Integers held in floats as array indices."""
-    return np.asarray(x).astype(np.intp)
 
 
 scalar_exp, scalar_log, scalar_sqrt = (

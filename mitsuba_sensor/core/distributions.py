@@ -166,16 +166,19 @@ def wald(z: Float64Array, u: Float64Array, cv: float) -> Float64Array:
     return np.where(u * (1 + root) <= 1, root, 1 / root)
 
 
-def rectified_logistic(scale: float) -> tuple[float, float]:
-    """Mean and variance of max(0, 1 + scale·L), L standard logistic: scale·ln(1 + e^(1/scale)), and a dilogarithm."""
+def rectified_normal_mean(sigma: float) -> float:
+    """Mean of max(0, 1 + sigma·z), z standard normal."""
+    if sigma < 0.1:  # nothing is cut within 10 σ
+        return 1.0
+    density = math.exp(-0.5 / sigma**2) / math.sqrt(2 * math.pi)
+    return float(scipy.special.ndtr(1 / sigma)) + sigma * density
+
+
+def rectified_logistic_mean(scale: float) -> float:
+    """Mean of max(0, 1 + scale·L), L standard logistic: scale·ln(1 + e^(1/scale))."""
     if scale < 0.01:  # nothing is cut: e^-100
-        return 1.0, (math.pi * scale) ** 2 / 3
-    edge = 1 / scale
-    mean = scale * float(np.logaddexp(0.0, edge))
-    dilogarithm = (
-        -(math.pi**2) / 6 - edge * edge / 2 - float(scipy.special.spence(1 + math.exp(-edge)))
-    )  # Li₂(−e^edge)
-    return mean, -2 * scale**2 * dilogarithm - mean**2
+        return 1.0
+    return scale * float(np.logaddexp(0.0, 1 / scale))
 
 
 def poisson(bits: RandomBits, mean: Array) -> Float64Array:

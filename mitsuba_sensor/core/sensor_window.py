@@ -105,12 +105,6 @@ class SensorWindow:
         """Everything that was computed once for this window so far, FPN maps among it, by key."""
         return self._maps
 
-    def map_moments(self, name: str, mean: float, variance: float) -> tuple[float, float]:
-        """Mean and variance of the FPN map ``name`` over the window: of the measured one if one was given."""
-        if name not in self.given:
-            return mean, variance
-        return self.cached(("moments", name), lambda: _moments(self.given[name]))
-
     def fixed_map(self, source: str, distribution: Callable[[Backend, Array], Array]) -> Array:
         """FPN map of ``source``, (H, W): ``distribution`` turns its random bits into values, once per window."""
         block, slot = stream_of(source, fixed=True)
@@ -204,9 +198,3 @@ def _blocks(numbers: NDArray[np.int64], size: int) -> tuple[list[int], slice]:
     low, high = int(numbers[0]), int(numbers[-1]) + 1
     first = low // size * size
     return list(range(first, high, size)), slice(low - first, high - first)
-
-
-def _moments(values: Float64Array) -> tuple[float, float]:
-    """Mean and variance, row by row: no copy of a large map is made."""
-    mean = float(np.mean(values))
-    return mean, float(sum(np.sum((row - mean) ** 2) for row in values)) / values.size

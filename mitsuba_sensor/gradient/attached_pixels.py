@@ -15,7 +15,7 @@ from ..core.backend import NUMPY_FLOAT64
 from ..core.drjit_backend import DrJitBackend
 from ..core.llvm import drjit
 from ..stages.stage import Chain, Detector, converter_of, sample
-from ..theory.straight import NotStraight
+from ..stages.straight import NotStraight
 from .law_slopes import (
     Law,
     Slopes,

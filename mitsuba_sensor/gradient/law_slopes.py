@@ -16,8 +16,8 @@ from ..core import Array, Electrons, Exposure, Float64Array, Frame, Photons
 from ..core.llvm import drjit
 from ..sensor.detection import Detected
 from ..stages.stage import Chain
+from ..stages.straight import line_of, log_chance
 from ..theory.clean import is_straight, pixel_moments
-from ..theory.straight import line_of, log_chance
 from .parameters import Parameters
 
 LIGHT_STEP, LIGHT_STEP_OF_LATTICE = 0.02, 0.3

@@ -34,6 +34,7 @@ from ..files.tiff import (
 from ..optics import spectra
 from ..render.light.photons import photons_per_irradiance
 from ..stages.gains import excess_noise
+from ..stages.stage import place_of_count
 from .dng_lens import lens_corrections
 from .frame_files import image_facts
 
@@ -177,7 +178,7 @@ def noise_profile(frames: RawFrames) -> tuple[float, float] | None:
     Dark current counts as signal: it has shot noise as light has. None for cameras without shot noise, which have no S.
     """
     camera, figures = frames.camera, figures_if_any(frames.camera)
-    shot = any(stage.counts_electrons for stage in camera.stages)
+    shot = place_of_count(camera.stages) > 0
     if figures is None or not shot or (frames.plan is None and frames.stages != camera.stages):
         return None
     span_dn = saturation_dn(camera) - camera.black_level_dn

@@ -23,7 +23,7 @@ from ..stages.usual_range import temperature_note
 from ..theory.clean import PixelMoments, pixel_moments
 from ..theory.expected import Expectation
 from ..theory.noise_budget import NoiseBudget
-from ..theory.plan import CombinedPlan, Plan
+from ..theory.plan import Plan
 from ..theory.report import FrameObserver, report
 from .dng import write_dng
 from .frame_files import frames_html, preview_of, save_frames
@@ -66,7 +66,7 @@ class Frames(RawFrames):
     own_clean, own_readouts : clean frames and read-outs where each frame has a light of its own.
     """
 
-    plan: Plan | CombinedPlan | None = None
+    plan: Plan | None = None
     observer: FrameObserver | None = None
     own_clean: NDArray[np.float32] | None = None
     own_readouts: Mapping[str, Frames] | None = None

@@ -24,7 +24,7 @@ from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete
 from ..files.memory import free_memory_bytes
 from ..stages.combined_readouts import combined_of
-from ..stages.stage import Chain, ElectronCounter, converter_of, detector_of
+from ..stages.stage import Chain, ElectronCounter, converter_of, detector_of, place_of_count
 from .checks import as_photons, check_numbers, placed
 from .detection import Detected, DetectedByKernel, checked_and_detected, detected_by_kernel
 from .fpn_maps import checked_maps
@@ -201,9 +201,7 @@ def prepare_exposure(
             f"tolerance_dn is {chosen['tolerance_dn']:g} and a plan is given, which has a tolerance of its own; pass "
             "one of them."
         )
-    precision = precision_of(
-        chosen["precision"], camera, None if plan is None else plan.precision
-    )
+    precision = precision_of(chosen["precision"], camera)
     backend = choose_backend(chosen["engine"], precision, frames * shape[0] * shape[1])
     window = SensorWindow(serial, (shape[0], shape[1]), origin, camera=camera.name)
     given = checked_maps(chosen["maps"], window, camera)
@@ -253,7 +251,7 @@ def _check_compensation(light: Photons, stages: Chain, frames: int) -> None:
         why = "this camera has several read-outs of its shot noise; pass photons without it"
     elif not all(stage.compensates for stage in stages if isinstance(stage, ElectronCounter)):
         why = "this camera has pixel.partial_resets, which it would have to pass; pass photons without it"
-    elif not any(stage.counts_electrons for stage in stages):
+    elif not place_of_count(stages):
         why = (
             "this chain has no shot noise to count it in; pass photons without it, or take the physical chain with "
             "its shot noise: no shot_noise in sensor.without, a smaller tolerance_dn"

@@ -61,7 +61,7 @@ def fpn_maps(
     first = require_pair("origin", origin, ORIGIN)
     check_on_sensor("the window of the maps", size, first, camera)
     asked = complete(ExposeOptions, {"precision": precision})["precision"]
-    backend = choose_backend("numpy", precision_of(asked, camera, None), 0)
+    backend = choose_backend("numpy", precision_of(asked, camera), 0)
     window = SensorWindow(serial, size, first, backend=backend, camera=camera.name)
     found = [stage.fpn_maps(window) for stage in camera.stages]
     return {name: np.asarray(x, dtype=np.float64) for maps in found for name, x in maps.items()}

@@ -35,10 +35,6 @@ class PlannedChain(Protocol):
     def whole(self) -> Chain:
         """All stages of the camera."""
 
-    @property
-    def precision(self) -> str:
-        """float32, or float64 where that would move too much."""
-
     def check(self, light: Detected, frame: Frame) -> None:
         """Raise InputError for light, an exposure or a window that the plan was not made for."""
 

@@ -10,7 +10,7 @@ from ..core.options import Option
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from ..theory.plan import CombinedPlan, Plan
+    from ..theory.plan import Plan
 
 PERCENTILE = (
     95.0  # of the lit pixels; five of a hundred are brighter, and mostly still below saturation
@@ -131,7 +131,7 @@ class FrameOptions(SensorOptions, TimeOptions, total=False):
         ),
     ]
     plan: Annotated[
-        "Plan | CombinedPlan | None",
+        "Plan | None",
         Option("What plan() left of the chain; the whole chain without one.", flag=None),
     ]
     seed: Annotated[

@@ -12,7 +12,6 @@ from ..core import Array, Electrons, Exposure, Frame, InputError, Photons, Senso
 from ..core.backend import NUMPY_FLOAT32
 from .effects.adc import Adc
 from .effects.blooming import Blooming
-from .effects.cds_gain import CdsGain
 from .effects.dark_current import DarkCurrent
 from .effects.dsnu import DsnuColumn, DsnuPixel, DsnuRow
 from .effects.em_gain import EmGain
@@ -29,14 +28,14 @@ from .effects.rtn_pixels import RtnPixels
 from .effects.rts_pixels import RtsPixels
 from .effects.sense_node import SenseNode
 from .effects.shot_noise import ShotNoise
-from .effects.source_follower import SourceFollower
+from .effects.source_follower import CdsGain, SourceFollower
 from .effects.source_follower_noise import SourceFollowerNoise
 from .effects.temporal_line_noise import (
     TemporalColumnNoise,
     TemporalFrameNoise,
     TemporalRowNoise,
 )
-from .stage import Chain, Stage, total, without
+from .stage import Chain, Stage, total
 
 if TYPE_CHECKING:
     from ..camera.camera import Camera
@@ -75,11 +74,11 @@ ORDER: tuple[type[Stage], ...] = (  # a stage of its own: one file in effects/, 
 def chain(camera: "Camera") -> Chain:
     """The stages of this camera but the noise sources that are switched off (``sensor.without``).
 
-    Those left are the stages of the whole chain: black level and gains are those of the whole camera.
+    Black level and gains are those of the whole camera.
     """
     if camera.readouts:
         combined = camera.combined_readouts
-        detection = QuantumEfficiency.from_camera(camera, ())
+        detection = QuantumEfficiency.from_camera(camera)
         return detection.with_photodiodes(combined.readouts), combined
     return _chain(camera, camera.sensor.without)
 
@@ -93,13 +92,10 @@ def whole_chain(camera: "Camera") -> Chain:
 
 def _chain(camera: "Camera", off: Collection[str]) -> Chain:
     stages: Chain = ()
-    out: Chain = ()
     for effect in ORDER:
-        found = effect.from_camera(camera, stages)
-        own = () if found is None else (found,)
-        stages += own + camera.added_after(effect.key())
-        out += own if effect.key() in off else ()
-    return without(stages, out)
+        found = None if effect.key() in off else effect.from_camera(camera)
+        stages += (() if found is None else (found,)) + camera.added_after(effect.key())
+    return stages
 
 
 @dataclass(frozen=True, eq=False)

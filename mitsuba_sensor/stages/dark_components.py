@@ -10,7 +10,6 @@ from pydantic import Field, model_validator
 
 from ..core import Exposure, Frame, SensorWindow, arrays
 from ..core.backend import Backend, uniforms
-from ..core.moments import rectified_normal
 from .dark_current_models import FIGURE_OF_MERIT_AT_K, arrhenius
 from .datasheet import Chance, FileTable, Kelvin, NotNegative, Positive
 from .stage import Datasheet
@@ -106,16 +105,6 @@ class DarkComponent:
             )
         return frame.number(self.unit_e(frame.exposure)) * value
 
-    def moments(self, exposure: Exposure) -> tuple[float, float]:
-        """Mean and variance of that [e-, e-²]."""
-        unit = self.unit_e(exposure)
-        if self.family == "uniform":
-            return unit * (self.first + self.second) / 2, (
-                unit * (self.second - self.first)
-            ) ** 2 / 12
-        mean, variance = rectified_normal(self.second / self.first)
-        return unit * self.first * mean, (unit * self.first) ** 2 * variance
-
     def unit_e(self, exposure: Exposure) -> float:
         """One of the component's unit at this time and temperature [e-]."""
         thermal = arrhenius(exposure.temperature_k, self.at_temperature_k, self.activation_ev)
@@ -148,16 +137,6 @@ def component_maps(parts: tuple[DarkComponent, ...], window: SensorWindow) -> di
             "dark_component_quantile", lambda: window.fixed_map("dark_fpn", uniforms)
         ),
     }
-
-
-def mixture_moments(
-    parts: tuple[DarkComponent, ...], mean: float, variance: float, frame: Frame
-) -> tuple[float, float]:
-    """Mean and variance from pixel to pixel of the mixture: (1 − Σw)·main + Σ w·component."""
-    laws = [(1 - sum(p.weight for p in parts), mean, variance)]
-    laws += [(p.weight, *p.moments(frame.exposure)) for p in parts]
-    average = sum(w * m for w, m, _ in laws)
-    return average, sum(w * (v + (m - average) ** 2) for w, m, v in laws)
 
 
 @dataclass(frozen=True)

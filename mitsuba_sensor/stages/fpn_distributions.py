@@ -1,17 +1,14 @@
 """Distributions of FPN factors: log-normal, gamma, Wald, normal, logistic and autoregressive maps of mean 1.
 
-Each has a coefficient of variation and mean 1, whatever that is (the paper's 1 + lnN(0, …) has not); mean and variance
-are the theory of a map, ``map_of`` is its sample.
+Each has a coefficient of variation and mean 1, whatever that is (the paper's 1 + lnN(0, …) has not).
 """
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar
 
 from ..core import SensorWindow, arrays, distributions
 from ..core.backend import Backend, normals, uniforms
-from ..core.moments import rectified_normal
 
 NARROW = 1.0
 """cv of a log-normal law below which less than 1e-6 of its variance lies beyond the largest number that is drawn."""
@@ -37,7 +34,6 @@ class FpnDistribution:
     """
 
     cv: float
-    mean: ClassVar[float] = 1.0
     largest_cv: ClassVar[float] = math.inf
 
     def map_of(self, window: SensorWindow, source: str) -> Any:
@@ -47,11 +43,6 @@ class FpnDistribution:
     def from_bits(self, backend: Backend, bits: Any) -> Any:
         """(H, W) random bits → (H, W) factors."""
         raise TypeError(f"{type(self).__name__} is not a distribution by itself")
-
-    @property
-    def variance(self) -> float:
-        """Variance of the factor."""
-        return self.cv**2
 
 
 @dataclass(frozen=True)
@@ -68,19 +59,13 @@ class LogNormal(FpnDistribution):
         """(H, W) random bits → (H, W) factors > 0."""
         return backend.lognormal(bits, self.cv)
 
-    @cached_property
-    def mean(self) -> float:  # type: ignore[override]
-        """1 within 2e-4."""
-        if self.cv > NARROW:
-            return distributions.lognormal_moment(self.cv, 1)
-        return 1.0
-
-    @cached_property
-    def variance(self) -> float:
-        """cv², as long as nothing of it lies beyond 6.3 σ."""
+    @property
+    def drawn_cv(self) -> float:
+        """Coefficient of variation of the factors that can be drawn."""
         if self.cv <= NARROW:
-            return self.cv**2
-        return distributions.lognormal_moment(self.cv, 2) - self.mean**2
+            return self.cv
+        mean, square = (distributions.lognormal_moment(self.cv, power) for power in (1, 2))
+        return math.sqrt(square - mean**2)
 
 
 @dataclass(frozen=True)
@@ -124,14 +109,8 @@ class Gaussian(FpnDistribution):
     def of_normal(self, backend: Backend, z: Any) -> Any:
         """The factor of a standard normal."""
         return arrays.maximum(1 + backend.number(self.cv) * z, 0.0) * backend.number(
-            1 / rectified_normal(self.cv)[0]
+            1 / distributions.rectified_normal_mean(self.cv)
         )
-
-    @property
-    def variance(self) -> float:
-        """cv² as long as nothing is cut."""
-        mean, variance = rectified_normal(self.cv)
-        return variance / mean**2
 
 
 @dataclass(frozen=True)
@@ -142,16 +121,6 @@ class Rectified(Gaussian):
         """The factor of a standard normal."""
         return arrays.maximum(1 + backend.number(self.cv) * z, 0.0)
 
-    @property
-    def mean(self) -> float:  # type: ignore[override]
-        """Above 1 as soon as anything is cut."""
-        return rectified_normal(self.cv)[0]
-
-    @property
-    def variance(self) -> float:
-        """cv² as long as nothing is cut."""
-        return rectified_normal(self.cv)[1]
-
 
 @dataclass(frozen=True)
 class Logistic(FpnDistribution):
@@ -160,13 +129,7 @@ class Logistic(FpnDistribution):
     def from_bits(self, backend: Backend, bits: Any) -> Any:
         """(H, W) random bits → (H, W) factors ≥ 0."""
         factor = arrays.maximum(1 + backend.number(self._scale) * backend.logistic(bits), 0.0)
-        return factor * backend.number(1 / distributions.rectified_logistic(self._scale)[0])
-
-    @property
-    def variance(self) -> float:
-        """cv² as long as nothing is cut."""
-        mean, variance = distributions.rectified_logistic(self._scale)
-        return variance / mean**2
+        return factor * backend.number(1 / distributions.rectified_logistic_mean(self._scale))
 
     @property
     def _scale(self) -> float:

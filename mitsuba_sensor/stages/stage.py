@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..core import Array, Electrons, Frame, InputError, Moments, Photons, SensorWindow
+from ..core import Array, Electrons, Frame, InputError, Photons, SensorWindow
 from ..core.signals import Filters
 from ..core.types import Float64Array
 from .datasheet import FileTable
@@ -41,17 +41,11 @@ class Stage(ABC):
             def sample(self, swing, frame):
                 return swing + frame.number(self.sigma_v) * frame.row_normal("hum")
 
-            def moments(self, m):
-                return m.add(temporal=self.sigma_v**2)
-
         noisier = camera.with_stage(Hum(1e-4), after="reset_noise")
 
     domain : what leaves the stage.  label : its name in reports.
     terms : its names and symbols in EMVA 1288 (E), Janesick (J) and Konnik & Welsh (K), for the glossary.
     table, fields : the table of the camera file and the fields there that belong to this effect.
-    required : whether the stage changes the unit of the signal, so that no plan can leave it out.
-    counts_electrons : whether mean electrons enter and whole electrons leave.
-    curved : whether electrons leave the stage in a smaller share the more there are, otherwise than by a clip.
     no_noise : of a stage that is no noise, the fields that change it; others can be switched off by their keys.
     """
 
@@ -59,9 +53,6 @@ class Stage(ABC):
     table: ClassVar[str] = ""
     fields: ClassVar[type[FileTable] | None] = None
     terms: ClassVar[str] = ""
-    required: ClassVar[bool] = False
-    counts_electrons: ClassVar[bool] = False
-    curved: ClassVar[bool] = False
     label: ClassVar[str] = ""
     no_noise: ClassVar[str] = ""
 
@@ -95,23 +86,13 @@ class Stage(ABC):
             cls.label = re.sub(r"(?<!^)(?=[A-Z])", " ", cls.__name__).lower()
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Stage | None:
-        """The stage with this camera's parameters, or None where the camera does not have the effect.
-
-        before : the stages in front of it.
-        """
+    def from_camera(cls, camera: Datasheet) -> Stage | None:
+        """The stage with this camera's parameters, or None where the camera does not have the effect."""
         return None
 
     @abstractmethod
     def sample(self, signal: Array, frame: Frame) -> Array:
         """The signal of one frame behind this stage, (H, W)."""
-
-    def moments(self, m: Moments) -> Moments:
-        """Mean, temporal and spatial variance of the signal behind this stage, in closed form.
-
-        EMVA figures and the default black level stand on it. Of a stage that leaves it out they are measured.
-        """
-        raise NotImplementedError(f"{type(self).__name__} has no moments")
 
     @property
     def reach_px(self) -> int:
@@ -184,14 +165,11 @@ class ElectronCounter(Stage):
     """Mean electrons enter and whole electrons leave.
 
     compensates : whether counts vary by so much less where the mean is that of a render with a known variance.
+    is_poisson : whether counts have the Poisson distribution of their mean.
     """
 
-    counts_electrons: ClassVar[bool] = True
     compensates: ClassVar[bool] = True
-
-    @abstractmethod
-    def variances(self, before: Electrons) -> dict[str, Array]:
-        """Variance of each of its noise sources [e-²].  before : mean electrons."""
+    is_poisson: ClassVar[bool] = True
 
 
 class ElectronMaps(Stage):
@@ -202,15 +180,6 @@ class ElectronMaps(Stage):
         """Of each of its maps in electrons: what one electron there becomes behind the stage, in its unit."""
 
 
-class MixedNoise(Stage):
-    """Temporal noise that differs from pixel to pixel or is not normal: a mixture of normals in every pixel."""
-
-    @abstractmethod
-    def mixture(self, frame: Frame) -> tuple[tuple[Array, Array, Array], ...]:
-        """Chance, mean and variance of the normals, each scalar or (H, W), in the unit of the stage; none: by its
-        moments."""
-
-
 FAR_LESS = 1 / 32
 """Of a code; at 16 bits two units in the last place of float32 are 0.016 of one."""
 
@@ -219,7 +188,6 @@ class Converter(Stage):
     """The last stage: volts become digital numbers.  gain_dn_per_v : A.  black_level_dn : the code of darkness [DN]."""
 
     domain = "DN"
-    required = True
     gain_dn_per_v: float
     black_level_dn: float
 
@@ -274,10 +242,6 @@ class LinearGain(Stage):
             return swing
         return frame.number(self.gain) * swing
 
-    def moments(self, m: Moments) -> Moments:
-        """Scaled by the gain."""
-        return m.scale(self.gain)
-
 
 Chain = tuple[Stage, ...]
 
@@ -299,6 +263,12 @@ def converter_of(stages: Chain) -> Converter:
 def place_of(stage: Stage, stages: Sequence[Stage]) -> int:
     """Number of a stage in its chain: that very stage, for there may be another that is equal."""
     return next(number for number, one in enumerate(stages) if one is stage)
+
+
+def place_of_count(stages: Sequence[Stage]) -> int:
+    """Number of the stage that counts electrons, before which signals are mean electrons; 0 without one."""
+    places = (k for k, stage in enumerate(stages) if isinstance(stage, ElectronCounter))
+    return next(places, 0)
 
 
 def without(stages: Chain, out: Collection[Stage]) -> Chain:

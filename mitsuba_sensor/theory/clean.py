@@ -16,8 +16,8 @@ from ..sensor.detection import Detected
 from ..sensor.run import row_strips_of
 from ..sensor.threads import for_each
 from ..stages.stage import Chain
+from ..stages.straight import NotStraight, StraightChain, line_of, moments
 from .lattice import FRAMES, lattice_moments
-from .straight import NotStraight, StraightChain, line_of, moments
 
 STRIP = 2**15
 """Pixels that are computed together: their arrays stay in the cache of a processor."""

@@ -10,9 +10,8 @@ import numpy as np
 from ..camera.camera import Camera
 from ..camera.figures import saturation_e
 from ..core import Electrons, Exposure, Frame, SensorWindow
-from ..stages.propagate import FIRST_SERIAL
 from ..stages.stage import Chain, sample
-from .expected import FIRST_SEED
+from .expected import FIRST_SEED, FIRST_SERIAL
 
 SHAPE = (128, 256)
 """Pixels at each level of light, with two frames: the noise is known to 0.4 %, 0.03 dB."""

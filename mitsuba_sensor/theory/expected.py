@@ -18,7 +18,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +28,13 @@ from ..core.counter_rng import key_of
 from ..core.types import Float64Array
 from ..sensor.detection import Detected
 from ..sensor.threads import for_each
-from ..stages.propagate import FIRST_SERIAL
 from ..stages.stage import Chain, Stage, converter_of, place_of, total
 
 SIDE_PX, WINDOWS, MOST_WINDOWS = 64, 16, 24
 """Side of a window [px] at most, and how many windows there are: more of small ones."""
+
+FIRST_SERIAL = 2**30
+"""Serial number of the first sampled sensor."""
 
 FIRST_SEED = 2**30
 """Seed of the first sampled frame; each has a seed of its own, so that frames of the same number have other noise."""
@@ -104,20 +106,10 @@ class Expectation:
         """Averages over the pixels behind a stage."""
         number = place_of(stage, self.stages)
         found, errors = self._averages
-        mean, temporal, spatial, frame_mean, frame_variance = found[number].tolist()
-        clipped = max(temporal, 0.0), max(spatial, 0.0)
-        return Averages(
-            mean,
-            *clipped,
-            tuple(errors[number, :3].tolist()),
-            frame_mean,
-            max(frame_variance, 0.0),
-        )
-
-    @property
-    def origin(self) -> dict[str, Any]:
-        """How the averages were found, ready for JSON."""
-        return {"pixels": self.pixels, "windows": len(self.windows), "samples_of_each": 4}
+        mean, temporal, spatial, of_frame, variance = found[number].tolist()
+        own = tuple(errors[number, :3].tolist())
+        variances = max(temporal, 0.0), max(spatial, 0.0)
+        return Averages(mean, *variances, own, of_frame, max(variance, 0.0))
 
     @property
     def pixels(self) -> int:
@@ -155,14 +147,13 @@ class Expectation:
     def windows(self) -> list[Window]:
         """The sampled windows: all tiles equally often, or some of them, evenly from the darkest to the brightest."""
         if self.of_corners:
-            rows, columns = self.frame.window.shape
-            ends = (0, rows), (0, columns)
+            ends = [(0, side) for side in self.frame.window.shape]
             return [
                 tile
                 for tile in self.tiles
                 if all(
-                    {own.start, own.stop} & {*end}
-                    for own, end in zip(tile[:2], ends, strict=True)
+                    own.start == first or own.stop == last
+                    for own, (first, last) in zip(tile[:2], ends, strict=True)
                 )
             ]
         if self.repeats > 1 or len(self.tiles) <= WINDOWS:
@@ -183,10 +174,10 @@ class Expectation:
         """Number of the pair of sensors of each window: two windows of one pair share neither rows nor columns, so that
         no random number is in both. Few pairs need few maps of whole columns.
         """
-        used: list[
+        used = list[
             set[int]
-        ] = []  # first rows of the windows of each pair, and −1 − first columns
-        found = []
+        ]()  # first rows of the windows of each pair, and −1 − first columns
+        found = list[int]()
         for rows, columns, _ in self.windows:
             place = {rows.start, -1 - columns.start}
             pair = next((k for k, taken in enumerate(used) if not place & taken), len(used))
@@ -309,9 +300,8 @@ class Expectation:
     @cached_property
     def _frame_pairs(self) -> list[tuple[int, int]]:
         """Pairs of different frames, by their number from the first one on, sorted by how far they are apart."""
-        numbers = np.unique(
-            np.linspace(0, self.count - 1, min(self.count, FRAMES_APART)).astype(int)
-        )
+        apart = np.linspace(0, self.count - 1, min(self.count, FRAMES_APART))
+        numbers = np.unique(apart.astype(int))
         first, second = np.triu_indices(len(numbers), 1)
         if not first.size:
             return [(0, 0)]
@@ -379,6 +369,13 @@ def passed_on(stage: Stage, signal: Array, frame: Frame) -> Array:
             lambda n: gain * n, lambda light, dark: (gain * light, gain * dark)
         )
     return gain * signal
+
+
+def variances_of(x: Float64Array) -> tuple[float, float]:
+    """Temporal and spatial variance of samples of two frames of two sensors, (2, 2, …)."""
+    temporal = ((x[:, 0] - x[:, 1]) ** 2).mean() / 2
+    spatial = ((x[0, 0] - x[1, 0]) * (x[0, 1] - x[1, 1])).mean() / 2
+    return float(temporal), float(spatial)
 
 
 def ideal_code(stages: Chain, swing: Array, frame: Frame) -> Float64Array:

@@ -15,13 +15,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core import Array, Frame
+from ..core import Array, Electrons, Frame
+from ..core.html import Bar, bar, fragment, table
 from ..core.types import Float64Array
 from ..sensor.run import strips_of
 from ..sensor.threads import for_each
-from ..stages.stage import ElectronCounter, Stage, converter_of, place_of, sample
-from .expected import Expectation, as_values, ideal_code, is_clipped, passed_on, signals
-from .notebook import budget_html
+from ..stages.stage import converter_of, place_of_count, sample
+from .expected import (
+    Expectation,
+    as_values,
+    ideal_code,
+    is_clipped,
+    passed_on,
+    signals,
+    variances_of,
+)
 from .report import error_of_root
 
 ROUNDING, ROUNDING_DN2 = 1e-6, 1e-9
@@ -41,11 +49,12 @@ OF_REST = f"{REST}: what the sources do not do each by itself, because they chan
 LESS_NOISE = "below zero: the source takes away noise of the others"
 
 
-class BudgetRow(NamedTuple):
-    """One source, or the total, with standard errors.
+class Contribution(NamedTuple):
+    """What one source, or all, contribute to the pixels that are not clipped, with standard errors.
 
     mean_dn : what it adds to the digital numbers.  temporal_dn2, spatial_dn2 : to the two variances; negative where it
         takes noise away.  share : of the total variance.
+    rms_dn : standard deviation over pixels and frames of what it changes, which for the light is that of the image.
     """
 
     source: str
@@ -53,9 +62,10 @@ class BudgetRow(NamedTuple):
     temporal_dn2: float
     spatial_dn2: float
     share: float
-    mean_error_dn: float = 0.0
-    temporal_error_dn2: float = 0.0
-    spatial_error_dn2: float = 0.0
+    mean_error_dn: float
+    temporal_error_dn2: float
+    spatial_error_dn2: float
+    rms_dn: float
 
     @property
     def takes_noise(self) -> bool:
@@ -64,6 +74,12 @@ class BudgetRow(NamedTuple):
             self.temporal_dn2 < -ERRORS * self.temporal_error_dn2 - ROUNDING_DN2
             or self.spatial_dn2 < -ERRORS * self.spatial_error_dn2 - ROUNDING_DN2
         )
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether it changes neither signal nor noise."""
+        variances_dn2 = abs(self.temporal_dn2), abs(self.spatial_dn2)
+        return max(variances_dn2) < ROUNDING_DN2 and abs(self.mean_dn) < LEAST_MEAN_DN
 
     @property
     def cells(self) -> tuple[str, str, str, str]:
@@ -79,42 +95,6 @@ class BudgetRow(NamedTuple):
             _sigma_text(self.spatial_dn2, self.spatial_error_dn2),
             share,
         )
-
-
-@dataclass(frozen=True, eq=False)
-class Contribution:
-    """What one source contributes to the pixels that are not clipped.
-
-    mean_dn, rms_dn : what it changes on average, and the standard deviation of that over pixels and frames, which for
-        the light is that of the image [DN].
-    temporal_dn2, spatial_dn2 : what it adds to the two variances [DN²]; negative where it reduces noise.
-    errors : standard errors of mean [DN], temporal and spatial variance [DN²].
-    """
-
-    source: str
-    mean_dn: float
-    rms_dn: float
-    temporal_dn2: float
-    spatial_dn2: float
-    errors: tuple[float, float, float]
-    _stage: Stage
-    _share: float
-    _budget: NoiseBudget
-
-    def __repr__(self) -> str:
-        variances = f"{self.temporal_dn2:.4g} temporal, {self.spatial_dn2:.4g} spatial DN²"
-        return f"<Contribution: {self.source}, mean {self.mean_dn:.4g} DN, {variances}>"
-
-    @cached_property
-    def dn(self) -> Float64Array:
-        """What it changes in every pixel of the first frame, (H, W) [DN]; computed when it is asked for."""
-        return self._share * self._budget.change_of(self._stage)
-
-    @property
-    def is_idle(self) -> bool:
-        """Whether it changes neither signal nor noise."""
-        variances_dn2 = abs(self.temporal_dn2), abs(self.spatial_dn2)
-        return max(variances_dn2) < ROUNDING_DN2 and abs(self.mean_dn) < LEAST_MEAN_DN
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,52 +116,34 @@ class NoiseBudget:
     @cached_property
     def entries(self) -> tuple[Contribution, ...]:
         """One per source, in the order of the chain."""
-        found = []
-        averages, all_errors = self._sums
-        least_dn2 = max(ROUNDING * float(averages[-1, 1:3].sum()), ROUNDING_DN2)
-        for stage, shares, values, errors in zip(
-            self.theory.stages, self._shares, averages[:-2], all_errors[:-2], strict=True
-        ):
-            mean, temporal, spatial, square = values.tolist()
-            temporal, spatial = (0.0 if abs(x) < least_dn2 else x for x in (temporal, spatial))
-            errors = np.where([mean != 0, temporal != 0, spatial != 0, True], errors, 0.0)
-            rms = math.sqrt(max(square - mean**2, 0.0))
-            for source, share in shares.items():
-                parts = share * mean, math.sqrt(share) * rms, share * temporal, share * spatial
-                three = tuple((share * errors[:3]).tolist())
-                found.append(Contribution(source, *parts, three, stage, share, self))
-        return tuple(found)
+        *of_stages, _, _ = self._contributions
+        return tuple(of_stages)
 
     @property
-    def rows(self) -> list[BudgetRow]:
+    def rows(self) -> list[Contribution]:
         """What :meth:`explain` prints: the sources that have an effect, what they do together, and the total."""
-        (*_, rest, total_dn), (*_, rest_error, total_error) = self._sums
-        whole = float(total_dn[1] + total_dn[2]) or 1.0
-        lines = [
-            (one.source, (one.mean_dn, one.temporal_dn2, one.spatial_dn2), one.errors)
-            for one in self.entries
-            if not one.is_idle
-        ]
-        if np.any(np.abs(rest[1:3]) > ERRORS * rest_error[1:3] + ROUNDING_DN2):
-            lines.append((REST, rest.tolist(), rest_error.tolist()))
-        lines.append((TOTAL, total_dn.tolist(), total_error.tolist()))
-        return [
-            BudgetRow(source, *values[:3], (values[1] + values[2]) / whole, *errors[:3])
-            for source, values, errors in lines
-        ]
+        *entries, rest, whole = self._contributions
+        shown = [one for one in entries if not one.is_idle]
+        temporal, spatial = abs(rest.temporal_dn2), abs(rest.spatial_dn2)
+        if (
+            temporal > ERRORS * rest.temporal_error_dn2 + ROUNDING_DN2
+            or spatial > ERRORS * rest.spatial_error_dn2 + ROUNDING_DN2
+        ):
+            shown.append(rest)
+        return [*shown, whole]
 
     @property
     def clipped(self) -> float:
         """Share of the pixels that are clipped, which do not count."""
-        kept = float(self._windows[0].sum())
-        return 1 - kept / self.theory.pixels
+        return 1 - float(self._windows[0].sum()) / self.theory.pixels
 
     @property
     def remarks(self) -> list[str]:
         """Sentences below the rows."""
         found, rows = [], self.rows
         if self.clipped:
-            found.append(f"{_percent(self.clipped)} of the pixels are clipped and do not count")
+            share = "less than 0.1 %" if self.clipped < 1e-3 else f"{100 * self.clipped:.3g} %"
+            found.append(f"{share} of the pixels are clipped and do not count")
         found.append(COLUMNS)
         if any(row.source == REST for row in rows):
             found.append(OF_REST)
@@ -195,33 +157,78 @@ class NoiseBudget:
     def explain(self) -> str:
         """A table for people: σ and share of the variance of each source, and their total."""
         rows = self.rows
-        lines = [HEADINGS, *((row.source, *row.cells) for row in rows)]
         first = max(len(row.source) for row in rows) + 1
         widths = [max(len(name) + 2, 11) for name in HEADINGS[1:]]
         text = []
-        for name, *cells in lines:
+        for name, *cells in (HEADINGS, *((row.source, *row.cells) for row in rows)):
             columns = (f"{cell:>{width}}" for cell, width in zip(cells, widths, strict=True))
             text.append(f"{name:<{first}}{''.join(columns)}")
         below = (textwrap.fill(remark, first + sum(widths)) for remark in self.remarks)
         return "\n".join([*text, *below])
 
     def _repr_html_(self) -> str:
-        return budget_html(self, HEADINGS)
+        rows = self.rows
+        most = max(
+            (abs(v) for row in rows[:-1] for v in (row.temporal_dn2, row.spatial_dn2)),
+            default=0.0,
+        )
 
-    def change_of(self, stage: Stage) -> Float64Array:
-        """What a stage changes in every pixel of the first frame, (H, W) [DN]."""
+        def sigma(variance_dn2: float, text: str) -> Bar:
+            return bar(min(abs(variance_dn2) / (most or 1.0), 1.0), text)
+
+        lines = []
+        for row in rows:
+            mean, temporal, spatial, share = row.cells
+            sigmas = sigma(row.temporal_dn2, temporal), sigma(row.spatial_dn2, spatial)
+            lines.append((row.source, mean, *sigmas, share))
+        title = f"Noise budget of one frame ({'; '.join(self.remarks)})"
+        return fragment(title, table(HEADINGS, lines))
+
+    def change_of(self, source: str) -> Float64Array:
+        """What a source changes in every pixel of the first frame, (H, W) [DN]."""
         theory = self.theory
+        number, share = next(
+            (k, of_stage[source])
+            for k, of_stage in enumerate(self._shares)
+            if source in of_stage
+        )
         whole, found = theory.frame, np.empty(theory.frame.window.shape)
         for strip in strips_of(theory.stages, whole.window):
             frame = replace(whole, window=whole.window.crop_rows(strip.around), _blocks={})
             light = theory.light.crop_rows(strip.around).signal
             behind = list(signals(theory.stages, light, frame))
-            number = place_of(stage, theory.stages)
             one, other = self._with_and_without(number, behind, frame)
             found[strip.rows] = (one - other)[strip.inside]
-        return found
+        return share * found
 
     # -- samples -----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _contributions(self) -> list[Contribution]:
+        """Of each source, of what the sources do together, and the total."""
+        kept, found = self._windows
+        rest = found[:, -1:] - found[:, :-1].sum(axis=1, keepdims=True)
+        values = np.concatenate([found[:, :-1], rest, found[:, -1:]], axis=1)
+        averages, all_errors = self.theory.errors_of(values, kept)
+        whole_dn2 = float(averages[-1, 1:3].sum())
+        least_dn2 = max(ROUNDING * whole_dn2, ROUNDING_DN2)
+        contributions = []
+        for sources, row, errors in zip(
+            [*self._shares, {REST: 1.0}, {TOTAL: 1.0}], averages, all_errors, strict=True
+        ):
+            if REST not in sources and TOTAL not in sources:
+                row[1:3][np.abs(row[1:3]) < least_dn2] = 0.0
+                errors = np.where(row != 0, errors, 0.0)
+            mean, temporal, spatial, square = row.tolist()
+            rms = math.sqrt(max(square - mean**2, 0.0))
+            for source, part in sources.items():
+                numbers = (part * np.array([mean, temporal, spatial])).tolist()
+                of_total = part * (temporal + spatial) / (whole_dn2 or 1.0)
+                three = (part * errors[:3]).tolist()
+                contributions.append(
+                    Contribution(source, *numbers, of_total, *three, math.sqrt(part) * rms)
+                )
+        return contributions
 
     @cached_property
     def _windows(self) -> tuple[Float64Array, Float64Array]:
@@ -256,9 +263,11 @@ class NoiseBudget:
         )
         rows = []
         for k, (whole, own) in enumerate(zip(swing, change, strict=True)):
-            variances = _variances(whole) - _variances(whole - own) if k else np.zeros(2)
+            variances = np.zeros(2)
+            if k:
+                variances = np.subtract(variances_of(whole), variances_of(whole - own))
             rows.append([own.mean(), *variances, (own**2).mean()])
-        rows.append([code.mean(), *_variances(code[0]), (code**2).mean()])
+        rows.append([code.mean(), *variances_of(code[0]), (code**2).mean()])
         return pixels, np.array(rows)
 
     def _with_and_without(
@@ -271,14 +280,17 @@ class NoiseBudget:
         """
         stages, count = self.theory.stages, self._count
         if number == 0:
-            light_dn = self._dn_per_e * as_values(behind[0], frame)
+            gain = math.prod(stage.nominal_gain for stage in stages[1:])
+            light_dn = gain * as_values(behind[0], frame)
             return light_dn, np.zeros(light_dn.shape)
         whole = ideal_code(stages, behind[-2], frame)
         if number == len(stages) - 1:
-            code = as_values(behind[-1], frame)
-            return code, whole - converter_of(stages).black_level_dn
+            return as_values(behind[-1], frame), whole - converter_of(stages).black_level_dn
         signal = passed_on(stages[number], behind[number - 1], frame)
-        if _is_same(signal, behind[number], frame):
+        is_same = signal is behind[number] or np.array_equal(
+            as_values(signal, frame), as_values(behind[number], frame)
+        )
+        if is_same:
             return whole, whole
         if number >= count:
             return whole, self._carried(number, signal, frame)
@@ -293,54 +305,20 @@ class NoiseBudget:
 
     @cached_property
     def _count(self) -> int:
-        """Number of the stage that counts electrons; 0 without one."""
-        return next((k for k, one in enumerate(self.theory.stages) if one.counts_electrons), 0)
-
-    @cached_property
-    def _dn_per_e(self) -> float:
-        """Nominal gain from electrons to digital numbers."""
-        return math.prod(stage.nominal_gain for stage in self.theory.stages[1:])
-
-    @cached_property
-    def _sums(self) -> tuple[Float64Array, Float64Array]:
-        """Averages over the windows and their standard errors, (S + 2, 4): each stage, the rest, the total."""
-        kept, found = self._windows
-        rest = found[:, -1:] - found[:, :-1].sum(axis=1, keepdims=True)
-        values = np.concatenate([found[:, :-1], rest, found[:, -1:]], axis=1)
-        return self.theory.errors_of(values, kept)
+        return place_of_count(self.theory.stages)
 
     @cached_property
     def _shares(self) -> list[dict[str, float]]:
-        """Sources of each stage, and their shares of what it does: as the variances that they state."""
-        theory, found = self.theory, list[dict[str, float]]()
-        middle = len(theory.windows) // 2
-        frame = theory.frames_of(middle)[0][0]
-        behind = list(signals(theory.stages, theory.light_of(middle), frame))
-        for k, stage in enumerate(theory.stages):
-            variances = (
-                stage.variances(behind[k - 1]) if isinstance(stage, ElectronCounter) else {}
-            )
-            stated = {name: float(np.mean(x)) for name, x in variances.items()}
-            whole = sum(stated.values())
-            if not whole:
-                stated = dict.fromkeys(stated or [stage.label], 1.0)
-            whole = sum(stated.values())
-            found.append({name: variance / whole for name, variance in stated.items()})
+        """Sources of each stage and their shares of what it does; shot noise is that of light and of dark electrons."""
+        theory, middle = self.theory, len(self.theory.windows) // 2
+        found = [{stage.label: 1.0} for stage in theory.stages]
+        if self._count:
+            frame, light = theory.frames_of(middle)[0][0], theory.light_of(middle)
+            mean: Electrons = sample(theory.stages[1 : self._count], light, frame)
+            total = float(np.mean(mean.total))
+            dark = float(np.mean(mean.dark)) / total if total else 1.0
+            found[self._count] = {"photon shot noise": 1 - dark, "dark shot noise": dark}
         return found
-
-
-def _variances(x: Float64Array) -> Float64Array:
-    """Temporal and spatial variance of samples, (2, 2, P)."""
-    temporal = ((x[:, 0] - x[:, 1]) ** 2).mean() / 2
-    spatial = ((x[0, 0] - x[1, 0]) * (x[0, 1] - x[1, 1])).mean() / 2
-    return np.array([temporal, spatial])
-
-
-def _is_same(one: Array, other: Array, frame: Frame) -> bool:
-    """Whether two signals have the same values."""
-    if one is other:
-        return True
-    return np.array_equal(as_values(one, frame), as_values(other, frame))
 
 
 def _sigma_text(variance_dn2: float, error_dn2: float) -> str:
@@ -352,7 +330,3 @@ def _sigma_text(variance_dn2: float, error_dn2: float) -> str:
     sigma = math.copysign(math.sqrt(abs(variance_dn2)), variance_dn2)
     error = error_of_root(abs(variance_dn2), error_dn2)
     return f"{sigma:.4g}±{error:.1g}" if error > 1e-4 * abs(sigma) else f"{sigma:.4g}"
-
-
-def _percent(share: float) -> str:
-    return "less than 0.1 %" if share < 1e-3 else f"{100 * share:.3g} %"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -14,16 +15,29 @@ from ..core.types import Float64Array
 from ..sensor.detection import Detected
 from ..sensor.threads import for_each
 from ..stages.stage import Chain, Stage, converter_of, place_of, sample, total, without
-from .expected import SIDE_PX, Expectation, ideal_code, is_clipped, signals
+from .expected import (
+    LARGEST,
+    SIDE_PX,
+    Expectation,
+    ideal_code,
+    is_clipped,
+    signals,
+    variances_of,
+)
 
 CLEAR_SIGMAS = 7.0
 """Shot noise between the fullest sampled pixel and a full well that can be left out."""
+
+NEEDED = "changes the unit; always needed"
+IDLE = "has no effect here"
+BELOW = "below the tolerance"
 
 
 @dataclass(frozen=True)
 class Effect:
     """What leaving out one stage changes [DN].
 
+    stage : its label, behind that of its read-out if there are several.
     mean_dn, temporal_dn, spatial_dn : of pixels that are not clipped: mean of the change, and its σ from frame to frame
         and from sensor to sensor; in the light of the frame or over all its levels, where it is larger.
     structure_dn : σ of the part of the change that all pixels of a row or column share, times the root of the length of
@@ -41,15 +55,15 @@ class Effect:
     reason: str = ""
 
     @property
-    def largest_dn(self) -> float:
-        """The largest of its changes [DN]."""
-        return max(self.mean_dn, self.temporal_dn, self.spatial_dn, self.structure_dn)
-
-    @property
     def columns(self) -> tuple[float, ...]:
         """Its numbers, as a table shows them."""
         changes = self.mean_dn, self.temporal_dn, self.spatial_dn, self.structure_dn
         return (*changes, self.pixels_beyond)
+
+    @property
+    def largest_dn(self) -> float:
+        """The largest of its changes [DN]."""
+        return max(self.columns[:-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,18 +75,30 @@ class Trial:
     frame: Frame
     tolerance_dn: float
 
-    @cached_property
-    def effects(self) -> list[Effect]:
-        """What leaving out each stage changes; nothing is known of a stage that is required."""
-        alone = self._moved([() if stage.required else (stage,) for stage in self.stages])
-        return [
-            replace(one, stage=stage.label)
-            for one, stage in zip(alone, self.stages, strict=True)
+    def chosen(self) -> tuple[list[Effect], Chain]:
+        """The effects of all stages, and the stages that are left."""
+        whole = self.stages
+        units = [stage.domain for stage in whole]
+        needed = [True, *(one != before for before, one in itertools.pairwise(units))]
+        alone = self.moved(
+            [() if no else (one,) for one, no in zip(whole, needed, strict=True)]
+        )
+        small = [
+            (one.largest_dn, number)
+            for number, one in enumerate(alone)
+            if not needed[number] and self.is_within(one) and self.is_clear_of(whole[number])
         ]
-
-    def together(self, out: Collection[Stage]) -> Effect:
-        """What leaving out all of these changes."""
-        return self._moved([out])[0]
+        out = [whole[number] for _, number in sorted(small)]
+        while out and not self.is_within(self.moved([out])[0]):
+            out.pop()
+        effects = []
+        for stage, one, unit in zip(whole, alone, needed, strict=True):
+            is_out = any(stage is other for other in out)
+            reason = NEEDED if unit else ""
+            if is_out:
+                reason = BELOW if one.largest_dn or one.pixels_beyond else IDLE
+            effects.append(replace(one, stage=stage.label, kept=not is_out, reason=reason))
+        return effects, without(whole, out)
 
     def is_within(self, effect: Effect) -> bool:
         """Whether no sampled pixel changes by more than the tolerance, nor the mean of a line times √(its length)."""
@@ -82,7 +108,7 @@ class Trial:
         """Whether the fullest sampled pixel is far below where the stage clips."""
         if stage.saturation_e is None:
             return True
-        fullest_e = float(self._fullest[place_of(stage, self.stages) - 1])
+        fullest_e = float(self.fullest[place_of(stage, self.stages) - 1])
         return fullest_e + CLEAR_SIGMAS * math.sqrt(max(fullest_e, 0.0)) < stage.saturation_e
 
     @cached_property
@@ -93,55 +119,42 @@ class Trial:
     @cached_property
     def levels(self) -> Expectation:
         """A window with all levels of the light, from dark to bright, and all values of measured maps at each."""
-        rows, columns = (min(SIDE_PX, side) for side in self.frame.window.shape)
-        part = self.light.crop_rows(slice(0, rows))
-        light_e = self.light.mean_e
-        low, high = (
-            math.log1p(min(float(end_e), 1e30)) for end_e in (light_e.min(), light_e.max())
-        )
-        levels_e = np.expm1(np.linspace(low, high, rows * columns))
+        rows, columns = shape = tuple(min(SIDE_PX, side) for side in self.frame.window.shape)
+        part, light_e = self.light.crop_rows(slice(0, rows)), self.light.mean_e
+        low, high = (math.log1p(min(float(x), LARGEST)) for x in (light_e.min(), light_e.max()))
+        levels_e = np.expm1(np.linspace(low, high, rows * columns)).reshape(shape)
         signal = part.signal.mapped(lambda values: values[..., :columns])
-        ramp = np.sort(levels_e.reshape(rows, columns), axis=1).astype(part.signal.light.dtype)
-        light = Detected(part.photons, replace(signal, light=ramp))
+        ramp = np.sort(levels_e, axis=1).astype(signal.light.dtype)
         order = np.random.default_rng(1).permutation(rows * columns)
         given = {
-            name: np.quantile(x, order / max(order.size - 1, 1)).reshape(rows, columns)
+            name: np.quantile(x, order / max(order.size - 1, 1)).reshape(shape)
             for name, x in self.frame.window.given.items()
         }
-        window = replace(
-            self.frame.window, shape=(rows, columns), given=given, _maps={}, _tiles={}
-        )
+        window = replace(self.frame.window, shape=shape, given=given, _maps={}, _tiles={})
+        light = Detected(part.photons, replace(signal, light=ramp))
         return Expectation(self.stages, light, replace(self.frame, window=window, _blocks={}))
 
     @cached_property
-    def clipped(self) -> float:
-        """Share of the sampled pixels of the frame that are clipped."""
-        _ = self.effects
-        return float(1 - self._kept.mean())
-
-    @cached_property
-    def _windows(self) -> list[tuple[Expectation, int]]:
+    def windows(self) -> list[tuple[Expectation, int]]:
         """Those of the frame; beside them the corners of the frame and two windows with all levels of light."""
         frame = self.of_frame
-        found = [(frame, k) for k in range(len(frame.windows))]
-        if frame.repeats == 1:
-            corners = replace(frame, of_corners=True)
-            found += [(corners, k) for k in range(len(corners.windows))]
+        parts = [frame] if frame.repeats > 1 else [frame, replace(frame, of_corners=True)]
+        found = [(part, k) for part in parts for k in range(len(part.windows))]
         return [*found, (self.levels, 0), (self.levels, 1)]
 
     @cached_property
-    def _fullest(self) -> Float64Array:
+    def fullest(self) -> Float64Array:
         """Largest sampled signal behind each stage."""
         return np.full(len(self.stages), -np.inf)
 
     @cached_property
-    def _kept(self) -> Float64Array:
-        """Share of the pixels of each window of the frame that are not clipped."""
-        return np.ones(len(self.of_frame.windows))
+    def clipped(self) -> Float64Array:
+        """Share of the pixels of each window of the frame that are clipped."""
+        return np.zeros(len(self.of_frame.windows))
 
-    def _moved(self, outs: Sequence[Collection[Stage]]) -> list[Effect]:
+    def moved(self, outs: Sequence[Collection[Stage]]) -> list[Effect]:
         """What leaving out each of these sets of stages changes."""
-        found = np.zeros((len(self._windows), len(outs), 5))
+        found = np.zeros((len(self.windows), len(outs), 5))
 
         def write(number: int) -> None:
             found[number] = self._window(number, outs)
@@ -152,40 +165,35 @@ class Trial:
         changes = np.sqrt(np.maximum(both[..., :4], 0)).max(axis=0)
         beyond = both[0, :, 4] * math.prod(self.frame.window.shape)
         beyond = np.maximum(beyond, found[:, :, 4].any(axis=0))
-        return [
-            Effect("", True, *numbers)
-            for numbers in np.concatenate([changes, beyond[:, None]], axis=1).tolist()
-        ]
+        numbers = np.concatenate([changes, beyond[:, None]], axis=1).tolist()
+        return [Effect("", True, *row) for row in numbers]
 
     def _window(self, number: int, outs: Sequence[Collection[Stage]]) -> Float64Array:
         """Of one window and each set of stages: squared mean, temporal and spatial variance of the change, variance
         that lines share times their length, and the share of pixels beyond the tolerance."""
-        expectation, place = self._windows[number]
+        expectation, place = self.windows[number]
         inside, light = expectation.windows[place].inside, expectation.light_of(place)
-        highest, keep = converter_of(self.stages).highest, np.ones((1, 1), bool)
-        moved = []
+        top, keep, moved = converter_of(self.stages).highest + 0.5, np.ones((1, 1), bool), []
         for frame in (one for sensor in expectation.frames_of(place) for one in sensor):
             behind = list(signals(self.stages, light, frame))
             keep = keep & ~is_clipped(self.stages, behind, frame)[inside]
             for k, signal in enumerate(behind):
-                self._fullest[k] = max(self._fullest[k], float(np.max(total(signal))))
-            code = ideal_code(self.stages, behind[-2], frame)
+                self.fullest[k] = max(self.fullest[k], float(np.max(total(signal))))
+            code = np.clip(ideal_code(self.stages, behind[-2], frame), -0.5, top)[inside]
             moved.append([
-                (np.clip(self._without(out, behind, frame), -0.5, highest + 0.5)
-                - np.clip(code, -0.5, highest + 0.5))[inside]
-                if out else np.zeros(code[inside].shape)
+                np.clip(self._without(out, behind, frame), -0.5, top)[inside] - code if out else 0 * code
                 for out in outs
             ])  # fmt: skip
         if expectation is self.of_frame:
-            self._kept[place] = keep.mean()
+            self.clipped[place] = 1 - keep.mean()
         rows = []
         for one in np.moveaxis(np.array(moved), 1, 0):
             d = one.reshape(2, 2, *one.shape[1:])
             some = d[..., keep] if keep.any() else np.zeros((2, 2, 1))
-            temporal = ((some[:, 0] - some[:, 1]) ** 2).mean() / 2
-            spatial = ((some[0, 0] - some[1, 0]) * (some[0, 1] - some[1, 1])).mean() / 2
             beyond = (np.abs(d) > self.tolerance_dn).mean()
-            rows.append([some.mean() ** 2, temporal, spatial, self._of_lines(d * keep), beyond])
+            rows.append(
+                [some.mean() ** 2, *variances_of(some), self._of_lines(d * keep), beyond]
+            )
         return np.array(rows)
 
     def _without(

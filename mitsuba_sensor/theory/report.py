@@ -14,9 +14,9 @@ from ..core import Array, Electrons, Frame, Photons, arrays
 from ..core.types import Float64Array
 from ..sensor.frame_notes import outside_qe
 from ..sensor.run import Strip
-from ..stages.compensation import LIMIT, compensable
+from ..stages.effects.shot_noise import LIMIT, compensable
 from ..stages.gains import gain_dn_per_e
-from ..stages.stage import UNITS, Chain, Stage, place_of, total
+from ..stages.stage import UNITS, Chain, ElectronCounter, Stage, place_of, total
 from .expected import Expectation
 
 
@@ -63,7 +63,11 @@ class StripFollower:
         stages = self.observer.stages
         self.masks |= stage.marked(total(signal), self.frame)
         following = stages[place_of(stage, stages) + 1 :][:1]
-        if following and following[0].counts_electrons and signal.variance_e2 is not None:
+        if (
+            following
+            and isinstance(following[0], ElectronCounter)
+            and signal.variance_e2 is not None
+        ):
             self.masks["compensated_short"] = self.observer.add_compensation(signal)
 
     def end(self) -> dict[str, Array]:
@@ -94,7 +98,11 @@ def report(camera: Camera, expected: Expectation, observer: FrameObserver) -> di
             "detected": photons.detected,
         },
         "sampled_pixels": expected.pixels,
-        "theory": expected.origin,
+        "theory": {
+            "pixels": expected.pixels,
+            "windows": len(expected.windows),
+            "samples_of_each": 4,
+        },
         "stages": [_line(stage, expected) for stage in expected.stages],
         "counts": dict(observer.counts),
         **_compensation(photons, observer),

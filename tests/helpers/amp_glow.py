@@ -11,7 +11,7 @@ import mitsuba_sensor as ms
 
 @dataclass(frozen=True)
 class AmpGlow(ms.Stage):
-    """Dark electrons of an amplifier in the corner, falling by 1/e per 40 pixels; it has no moments."""
+    """Dark electrons of an amplifier in the corner, falling by 1/e per 40 pixels."""
 
     rate_e_per_s: float = 20_000.0
     domain = "electrons"

@@ -237,7 +237,7 @@ def test_noise_ratio_is_render_variance_over_the_variance_of_the_sensor() -> Non
         light.data
         @ photons_per_irradiance(camera, EXPOSURE, light.wavelengths_nm, light.bandwidths_nm)
     )
-    k, read_noise = gain_dn_per_e(camera), SourceFollowerNoise.from_camera(camera, ())
+    k, read_noise = gain_dn_per_e(camera), SourceFollowerNoise.from_camera(camera)
     noise = (
         electrons
         + mean_dark_e(camera, EXPOSURE)

@@ -35,9 +35,9 @@ from konnik2014.volts import (
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.stages.cds_noise import CdsNoise
 from mitsuba_sensor.stages.dark_current_models import FigureOfMerit
 from mitsuba_sensor.stages.effects.reset_noise import ResetNoise as SignedResetNoise
+from mitsuba_sensor.stages.effects.source_follower_noise import CdsNoise
 
 REFERENCE = json.loads((DATA / "released_code.json").read_text("utf-8"))
 RECORDS = REFERENCE["full_chain"] + REFERENCE["single_source"]

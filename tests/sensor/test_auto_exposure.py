@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.light.light_sum import sum_of_groups
@@ -61,23 +60,6 @@ def test_without_delay_the_error_shrinks_by_one_minus_damping(lamps: ms.Irradian
     np.testing.assert_allclose(np.divide(errors[1:], errors[:-1]), 0.7, atol=0.02)
 
 
-@pytest.mark.parametrize("delay", one_in(2, [0, 1, 3]))
-def test_a_light_that_doubles_is_followed_after_the_delay(
-    delay: int, lamps: ms.Irradiance
-) -> None:
-    """The lamp goes on with frame 8; the first exposure that is half as long is that of frame 9 + delay."""
-    dark_s = 8 / FPS
-    lit = lamps.with_lights(lamp=ms.pwm(1 / (2 * dark_s), 0.5, 0.5, level=0.5))
-    steady = captured(
-        lamps.with_lights(lamp=0), CAMERA, 0.003, frames=1, auto_exposure="target 0.18"
-    )
-    at_target_s = 0.003 * 0.18 / steady.timed[0].measured  # type: ignore[operator]
-    rule = ms.AutoExposure(target=0.18, damping=1.0, delay=delay)
-    found = times(captured(lit, CAMERA, at_target_s, frames=9 + delay + 1, auto_exposure=rule))
-    np.testing.assert_allclose(found[: 9 + delay], at_target_s, rtol=0.1)
-    assert found[9 + delay] == pytest.approx(at_target_s / 2, rel=0.05)
-
-
 def test_gain_is_taken_where_the_time_is_at_its_limit(lamps: ms.Irradiance) -> None:
     dim = lamps.with_lights(sky=0.02, lamp=0.02)
     rule = ms.AutoExposure(damping=1.0, longest_s=0.01)
@@ -110,21 +92,6 @@ def test_limits_hold_in_darkness_and_in_glare() -> None:
     for _ in range(30):
         control.measure(np.full((4, 4), 4095, np.uint16))
     assert control.exposure.time_s == pytest.approx(1e-4)
-
-
-def test_frame_json_says_what_was_asked_for(lamps: ms.Irradiance) -> None:
-    lights = {"lamp": ms.pwm(100, 0.5, level=2), "sky": 0.5}
-    options = captured(lamps, CAMERA, 0.003, lights=lights).metadata["options"]
-    assert options["lights"] == {"lamp": "2 pwm(100, 0.5, 0)", "sky": 0.5}
-    assert options["fps"] == FPS
-
-
-def test_a_metered_exposure_begins_the_series(lamps: ms.Irradiance) -> None:
-    found = ms.capture(
-        lamps, CAMERA, "auto", fps=10, frames=2, auto_exposure="damping 1", progress=False
-    )
-    metered = ms.capture(lamps, CAMERA, "auto", progress=False)
-    assert times(found)[0] == pytest.approx(min(metered.frames.first.exposure.time_s, 0.1))
 
 
 def test_frames_of_equal_exposure_are_those_without_a_controller(lamps: ms.Irradiance) -> None:

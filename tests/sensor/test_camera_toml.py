@@ -139,9 +139,6 @@ def test_a_camera_with_a_stage_of_ones_own_is_in_no_file() -> None:
         def sample(self, signal: Any, frame: ms.Frame) -> Any:
             return signal
 
-        def moments(self, m: ms.Moments) -> ms.Moments:
-            return m
-
     with pytest.raises(ms.InputError, match="stage Hum; call with_stage again"):
         TABLE1.with_stage(Hum(), after="reset_noise").to_toml()
 

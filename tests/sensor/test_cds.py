@@ -12,7 +12,7 @@ import pytest
 from scipy import integrate
 
 from mitsuba_sensor.core.special import two_term_remainder
-from mitsuba_sensor.stages.cds_noise import CdsNoise, flicker_integral
+from mitsuba_sensor.stages.effects.source_follower_noise import CdsNoise, flicker_integral
 
 PAPER = CdsNoise(white_nv_per_rthz=15.0, corner_hz=1e6, sample_s=1e-6, dominant_s=0.5e-6)
 VOLTS_PER_E = 5e-6

@@ -187,36 +187,6 @@ def test_far_from_all_ends_a_straight_camera_is_gain_times_electrons_and_its_off
     assert np.ptp(own) < 1e-3 and 0.5 < own.mean() < 2.0
 
 
-def test_the_spatial_mean_has_hardly_any_fixed_pattern() -> None:
-    """A sixth of that of one sensor unit, of 32; at the clip too."""
-    found = ms.expose(photons_of(TABLE1, 0.9), TABLE1, EXPOSURE)
-    assert found.spatial_mean.dtype == np.float32 and found.spatial_mean.shape == SHAPE
-    assert np.std(found.spatial_mean) < 0.3 * np.std(found.clean)
-    assert np.mean(found.spatial_mean) == pytest.approx(
-        np.mean(found.clean), abs=float(np.std(found.clean))
-    )
-
-
-def test_infinite_light_is_the_largest_code_and_does_not_vary() -> None:
-    found = ms.expose(ms.Photons(np.full(SHAPE, np.inf)), TABLE1, EXPOSURE)
-    assert (
-        np.all(found.clean == 4095)
-        and np.all(found.temporal_variance < 1e-30)
-        and found.clean.shape == SHAPE
-    )
-
-
-def test_given_maps_are_taken_pixel_by_pixel() -> None:
-    photons, maps = photons_of(TABLE1, 0.4), ms.fpn_maps(TABLE1, SHAPE)
-    maps["dsnu_pixel_e"] = np.arange(96.0).reshape(SHAPE)
-    plain, found = (
-        ms.expose(photons, TABLE1, EXPOSURE, **more).clean for more in ({}, {"maps": maps})
-    )
-    assert found - plain == pytest.approx(
-        gain_dn_per_e(TABLE1) * maps["dsnu_pixel_e"], abs=2e-3
-    )
-
-
 @dataclass(frozen=True)
 class Ramp(ms.Stage):
     """A fixed gain that rises along the rows, in electrons."""

@@ -2,37 +2,30 @@
 
 from __future__ import annotations
 
-import json
 import math
-import subprocess
-import sys
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers import BENCHMARKS, KEEP
+from helpers import KEEP
 from helpers.marks import exhaustive
 from numpy.typing import NDArray
 from scipy import stats
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import NUMPY_FLOAT64, Backend
-from mitsuba_sensor.core.llvm import backend_problem
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.sensor import run
 from mitsuba_sensor.stages.chain import chain
-from mitsuba_sensor.stages.compensation import LIMIT, compensable, largest_e2, reserved
 from mitsuba_sensor.stages.effects.dark_current import DarkCurrent
-from mitsuba_sensor.stages.effects.prnu import Prnu
-from mitsuba_sensor.stages.effects.shot_noise import ShotNoise
-from mitsuba_sensor.stages.fpn_distributions import Rectified
-from mitsuba_sensor.stages.gains import gain_dn_per_e
-
-problem = backend_problem("llvm")
-compiled = pytest.mark.skipif(problem is not None, reason=str(problem))
+from mitsuba_sensor.stages.effects.shot_noise import (
+    LIMIT,
+    ShotNoise,
+    compensable,
+    largest_e2,
+    reserved,
+)
 
 BACKENDS = (exhaustive("float64"), "numpy", exhaustive("drjit"))
-BENCHMARK = BENCHMARKS / "compensation.py"
 EXPOSURE = ms.Exposure(0.1)
 TABLE1 = ms.load_camera("konnik_table1")
 QE = float(TABLE1.qe([TABLE1.quantum_efficiency.reference_nm])[0, 0])
@@ -166,33 +159,6 @@ def test_every_engine_draws_whole_electrons_of_that_mean_and_variance(
     assert after.variance_e2 is None
 
 
-def test_the_theory_of_a_frame_about_its_own_render_is_the_mean_less_what_is_compensated() -> (
-    None
-):
-    """With a gain of its own for every pixel, E[g²]·v is compensated.
-
-    5 standard errors of 1e6 draws are 0.7 % of the variance: P(|z| > 5) = 6e-7.
-    """
-    shape, mean, noise = (1, 2**20), 400.0, 64.0
-    gain = Prnu(Rectified(0.2))
-    frame = frame_of(shape)
-    before = gain.sample(
-        ms.Electrons(np.full(shape, mean), variance_e2=np.full(shape, noise)), frame
-    )
-    np.testing.assert_allclose(
-        before.variance_e2, noise * (before.light / mean) ** 2, rtol=1e-12
-    )
-    after = ShotNoise().sample(before, frame)
-    m = ShotNoise().moments(gain.moments(ms.Moments(mean, 0.0, 0.0, frame, variance_e2=noise)))
-    assert (
-        float(m.temporal) == pytest.approx(mean - noise * 1.04, rel=1e-6)
-        and m.variance_e2 is None
-    )
-    assert np.mean((after.light - before.light) ** 2) == pytest.approx(
-        float(m.temporal), rel=5 * (2 / 2**20) ** 0.5
-    )
-
-
 RENDERS = 240
 
 
@@ -240,34 +206,6 @@ def test_frames_with_renders_of_their_own_have_the_mean_and_variance_of_shot_noi
         assert abs(np.mean(a * b)) / away.var() < 5 / size
 
 
-@pytest.mark.exhaustive
-def test_the_shape_is_nearer_to_poissons_than_without_and_the_limit_is_where_the_table_says() -> (
-    None
-):
-    """Variance and third cumulant over the mean (Poisson: 1) and the distance to Poisson's law, added up exactly.
-
-    A few corners of the table of benchmarks/compensation.py. Fireflies hide their variance from eight passes.
-    """
-    arguments = "--means 1 10 --ratios 0.16 0.63 --json"
-    done = subprocess.run(
-        [sys.executable, str(BENCHMARK), *arguments.split()], capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    assert found["limit"] == LIMIT
-    for row in found["rows"]:
-        before, after = row["uncompensated"], row["compensated"]
-        assert before["variance"] == pytest.approx(1 + row["ratio"], rel=0.05)
-        for name in ("variance", "third"):
-            assert after[name] < before[name], row
-        assert after["distance"] < before["distance"], row
-        if row["ratio"] == 0.63:
-            assert after["variance"] > 1.2
-        elif row["distribution"] != "fireflies":
-            assert after["variance"] == pytest.approx(1, abs=0.01)
-            assert after["third"] < 1.38 and after["distance"] < 0.017
-
-
 # What cannot be compensated
 
 
@@ -313,40 +251,6 @@ def test_dark_current_compensates_what_the_light_cannot() -> None:
         assert n.var() == pytest.approx(variance, rel=5 * 2.5**0.5 / size)
 
 
-@pytest.mark.parametrize(
-    ("light_e", "noise_e2", "short"),
-    [
-        (0.0, 0.0, False),
-        (0.0, 5.0, True),
-        (1e-20, 1e-41, False),
-        (5.0, 1e-30, False),
-        (5.0, 1e30, True),
-        (1e-3, 1e-3, True),
-        (1e9, 1e8, False),
-        (np.inf, np.nan, False),
-    ],
-)
-@pytest.mark.parametrize(
-    "backend", [exhaustive("float64"), "numpy", exhaustive("drjit")], indirect=True
-)
-def test_extremes_give_whole_electrons(
-    backend: Backend, light_e: float, noise_e2: float, short: bool
-) -> None:
-    """Darkness, certainty, noise without end, a mean beyond every well, and light that saturates."""
-    engine = "drjit" if backend.compiled else "numpy"
-    light = rendered(np.full((3, 5), light_e), np.full((3, 5), noise_e2))
-    frames = ms.expose(
-        light, BARE, EXPOSURE, engine=engine, precision=backend.precision, keep="electrons"
-    )  # type: ignore[arg-type]
-    n = frames.electrons
-    assert (
-        n is not None and np.isfinite(n).all() and (n >= 0).all() and (n == np.floor(n)).all()
-    )
-    if light_e in (0.0, 1e-20) or light_e >= 1e9:
-        assert (n == min(np.floor(light_e), BARE.pixel.full_well_e)).all()
-    assert frames.report["counts"]["compensated_short"] == 15 * short
-
-
 # Nothing else moves
 
 
@@ -368,118 +272,6 @@ def test_no_variance_to_compensate_is_the_plain_frame_bit_for_bit(
     )
     for name in (*KEEP, "digital"):
         np.testing.assert_array_equal(getattr(plain, name), getattr(compensated, name))
-
-
-CAMERAS = {
-    "table 1": TABLE1,
-    "no dark current": BARE,
-    "patterns": TABLE1.replace(**{"pixel.prnu": 0.2, "dark_current.cv": 0.4}),
-    "RTS pixels": TABLE1.replace(
-        **{"dark_current.rts_fraction": 0.2, "dark_current.rts_amplitude_e_per_s": 900.0}
-    ),
-    "strong dark": TABLE1.replace(
-        **{"dark_current.fom_na_per_cm2": 20.0, "dark_current.distribution": "wald"}
-    ),
-}
-SIGNALS = ("photoelectrons", "dark_electrons", "electrons", "volts", "digital")
-
-
-@compiled
-@pytest.mark.parametrize("name", CAMERAS)
-def test_numpy_and_the_kernel_deliver_the_same_bytes(name: str) -> None:
-    """Light and dark electrons apart too, and all that comes after them."""
-    shape = (231, 217)
-    light_e = np.geomspace(0.01, 45_000.0, shape[0] * shape[1]).reshape(shape)
-    light = rendered(light_e, light_e * np.random.default_rng(1).uniform(0, 0.6, shape))
-    one, other = (
-        ms.expose(light, CAMERAS[name], EXPOSURE, engine=e, keep=KEEP)
-        for e in ("numpy", "drjit")
-    )
-    for signal in SIGNALS:
-        np.testing.assert_array_equal(getattr(one, signal), getattr(other, signal))
-    plain = ms.expose(rendered(light_e), CAMERAS[name], EXPOSURE, engine="numpy")
-    assert not np.array_equal(plain.digital, one.digital)
-
-
-@pytest.mark.parametrize("engine", ["numpy", pytest.param("drjit", marks=compiled)])
-def test_strips_threads_and_crops_cut_the_variance_with_the_light(
-    engine: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def frame(
-        rows: slice = slice(None), columns: slice = slice(None), **how: Any
-    ) -> NDArray[Any]:
-        light = rendered(LIGHT_E[rows, columns], NOISE_E2[rows, columns])
-        return ms.expose(
-            light, CAMERAS["patterns"], EXPOSURE, engine=engine, first_frame=4, **how
-        ).digital[0]
-
-    whole = frame()
-    np.testing.assert_array_equal(
-        frame(slice(11, 40), slice(5, 30), origin=(11, 5)), whole[11:40, 5:30]
-    )
-    from mitsuba_sensor.core import drjit_backend as kernel
-
-    for processors, strip in ((1, 100), (2, 500)):
-        monkeypatch.setattr(run, "processors", lambda processors=processors: processors)
-        monkeypatch.setattr(Backend, "strip_pixels", strip)
-        monkeypatch.setattr(kernel.DrJitBackend, "strip_pixels", strip)
-        np.testing.assert_array_equal(frame(), whole)
-
-
-def test_float32_agrees_with_float64() -> None:
-    """Fewer than 1 % of the pixels move, by 1 DN."""
-    light = rendered(LIGHT_E, NOISE_E2)
-    one, other = (
-        ms.expose(light, TABLE1, EXPOSURE, engine="numpy", precision=p).digital.astype(int)
-        for p in ("float32", "float64")
-    )
-    assert np.mean(one != other) < 0.01 and np.abs(one - other).max() <= 1
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("name", ["patterns", "RTS pixels", "strong dark"])
-def test_the_noise_budget_adds_up_to_the_frame_and_to_the_theory(name: str) -> None:
-    frames = ms.expose(
-        rendered(LIGHT_E, NOISE_E2), CAMERAS[name], EXPOSURE, precision="float64"
-    )
-    *rows, total = frames.noise_budget().rows
-    found = frames.theory.averages(frames.stages[-1])
-    for part, expected, error in zip(
-        ("temporal", "spatial"), found[1:3], found.errors[1:], strict=True
-    ):
-        errors = [getattr(row, f"{part}_error_dn2") for row in (*rows, total)]
-        assert abs(getattr(total, f"{part}_dn2") - expected) < 4 * np.hypot(error, errors[-1])
-        added = sum(getattr(row, f"{part}_dn2") for row in rows)
-        assert abs(added - getattr(total, f"{part}_dn2")) < 4 * np.hypot.reduce(errors)
-
-
-def test_a_plan_takes_the_mean_for_exact_and_exposes_with_it() -> None:
-    light = rendered(LIGHT_E, NOISE_E2)
-    plan, exact = (
-        ms.plan(TABLE1, EXPOSURE, x, tolerance_dn=0.01) for x in (light, rendered(LIGHT_E))
-    )
-    assert plan.to_dict() == exact.to_dict()
-    whole, planned = (
-        ms.expose(light, TABLE1, EXPOSURE, plan=p).digital.astype(int) for p in (None, plan)
-    )
-    assert np.abs(whole - planned).max() <= 1
-
-
-@compiled
-@pytest.mark.parametrize(("mean", "noise"), [(30.0, 4.25), (30.8, 11.0), (0.25, 1.0)])
-def test_derivatives_by_the_light_keep_the_mean(mean: float, noise: float) -> None:
-    """d electrons/d light is 1 on average, also at the limit, where what is compensated follows the light.
-
-    40 000 pixels, 5 standard errors of the spread found: P(|z| > 5) = 6e-7.
-    """
-    from mitsuba_sensor.gradient.gradient import differentiable
-
-    shape = (200, 200)
-    light = rendered(np.full(shape, mean), np.full(shape, noise))
-    slope = differentiable(light, BARE, EXPOSURE, "photons").frame().forward("photons") / (
-        QE * gain_dn_per_e(BARE)
-    )
-    assert slope.mean() == pytest.approx(1, abs=5 * float(slope.std()) / 200)
 
 
 # What is refused
@@ -504,15 +296,6 @@ def test_a_variance_that_is_none_is_one_sentence(variance: Any, sentence: str) -
         ms.expose(rendered(LIGHT_E, variance), TABLE1, EXPOSURE)
 
 
-@pytest.mark.exhaustive
-def test_infinite_light_compensates_nothing_and_needs_no_variance() -> None:
-    light_e, noise = LIGHT_E.copy(), NOISE_E2.copy()
-    light_e[3, 4], noise[3, 4] = np.inf, np.nan
-    frames = ms.expose(rendered(light_e, noise), TABLE1, EXPOSURE)
-    assert frames.digital[0, 3, 4] == frames.digital.max()
-    assert 0 < frames.report["compensation"]["left_over_shot"] < 1
-
-
 @pytest.mark.parametrize(
     ("how", "changes", "sentence"),
     [
@@ -532,10 +315,3 @@ def test_compensation_is_refused_where_it_would_be_wrong(
     for ask in (ms.expose, ms.stream):
         with pytest.raises(ms.InputError, match=sentence):
             ask(light, camera, EXPOSURE, **how)
-
-
-def test_a_plan_without_shot_noise_has_nothing_to_compensate_in() -> None:
-    light = rendered(LIGHT_E, NOISE_E2)
-    plan = ms.plan(TABLE1, EXPOSURE, light, tolerance_dn=1e6)
-    with pytest.raises(ms.InputError, match="smaller tolerance_dn"):
-        ms.expose(light, TABLE1, EXPOSURE, plan=plan)

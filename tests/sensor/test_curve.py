@@ -81,25 +81,3 @@ def test_tails_come_onto_the_scale_along_the_curve_there(
             assert value == pytest.approx(
                 expected, rel=2 * percent / 100 + 2 * far, abs=0.01 + 4 * error
             )
-
-
-@pytest.mark.parametrize("well_e", [2.0, 20.0])
-def test_a_curve_that_turns_far_below_the_full_scale_of_the_converter(well_e: float) -> None:
-    """A source follower that turns at 1/50 000 of a scale of 100 000 e-, under 60 e- of noise.
-
-    Codes of 262 144 pixels; they are 0 where it turns at the lower well, whatever the noise. Four standard errors: once
-    in 16 000 this fails by chance.
-    """
-    turning = camera(1.0, 1e5, 60.0, 0.0).replace(
-        **{
-            "pixel.full_well_e": well_e,
-            "source_follower.vv_nonlinearity": 0.81,
-            "adc.gamma": None,
-        }
-    )
-    photons = ms.Photons(np.full((256, 256), well_e), detected=True)
-    frames = ms.expose(photons, turning, ms.Exposure(0.1), frames=4)
-    error = frames.digital.std() / np.sqrt(frames.digital.size)
-    assert (error > 0) == (well_e > 2)
-    allowed = 4 * error + 1e-3
-    assert frames.clean.mean() == pytest.approx(frames.digital.mean(), abs=allowed)

@@ -111,16 +111,6 @@ def test_one_given_map_stands_in_for_one_pattern_and_for_no_other(name: str) -> 
         assert np.array_equal(own, given) == same
 
 
-def test_a_map_is_used_even_where_the_datasheet_asks_for_no_pattern() -> None:
-    """A measured PRNU on a camera with pixel.prnu = 0; a map of one number is that number everywhere."""
-    camera = TABLE1.replace(**{"pixel.prnu": 0.0})
-    light = np.full(SHAPE, 10_000.0)
-    brighter = ms.expose(light, camera, EXPOSURE, maps={"prnu": np.full((1, 1), 1.5)})
-    np.testing.assert_array_equal(
-        brighter.digital, ms.expose(light * 1.5, camera, EXPOSURE).digital
-    )
-
-
 def test_the_report_of_a_given_map_expects_what_the_map_says() -> None:
     """Mean and fixed variance of the theory are the map's own: 6000 e- · 1.5, σ 6000·0.1, within 4 standard errors."""
     gain = 1.5 + 0.1 * np.where(np.indices(SHAPE).sum(axis=0) % 2, 1.0, -1.0)
@@ -168,12 +158,6 @@ def test_maps_of_the_whole_sensor_are_cut_to_the_window(
     assert given.digital.tobytes() == own.digital.tobytes()
 
 
-def test_a_window_that_ends_beyond_the_sensor_has_no_part_in_its_maps() -> None:
-    camera = TABLE1.replace(**{"sensor.rows": 20, "sensor.columns": 30})
-    with pytest.raises(ms.InputError, match=r"has shape \(20, \d+\); it must be \(12, 17\)"):
-        ms.expose(LIGHT, camera, EXPOSURE, origin=(9, 0), maps=ms.fpn_maps(camera))
-
-
 BAD = {
     "misspelt": ({"prnv": np.ones(SHAPE)}, r"maps names 'prnv'.*Did you mean 'prnu'"),
     "of another camera": (
@@ -216,18 +200,3 @@ def test_a_map_that_cannot_be_is_refused_in_one_sentence(case: str) -> None:
     with pytest.raises(ms.InputError, match=said) as caught:
         ms.expose(LIGHT, TABLE1, EXPOSURE, maps=maps)
     assert "\n" not in str(caught.value)
-
-
-def test_offsets_may_be_negative() -> None:
-    one, other = (
-        ms.expose(
-            LIGHT,
-            TABLE1,
-            EXPOSURE,
-            maps={"dsnu_col_e": np.full((1, 17), 33.0 * sign)},
-            keep=["volts"],
-            precision="float64",
-        ).volts
-        for sign in (1, -1)
-    )
-    np.testing.assert_allclose(one - other, 66 * 5e-6, atol=1e-12)

@@ -39,9 +39,6 @@ class Weighted(ms.Stage):
     def sample(self, signal: ms.Electrons, frame: ms.core.Frame) -> ms.Array:
         return ms.Electrons(signal.light * self.light, signal.dark * self.dark)
 
-    def moments(self, m: ms.Moments) -> ms.Moments:
-        return m
-
 
 @pytest.mark.parametrize(("light", "dark"), [(1.0, 0.0), (0.0, 1.0), (2.0, 1.0), (1.0, 3.0)])
 def test_each_part_has_the_derivatives_of_its_own_poisson_law(

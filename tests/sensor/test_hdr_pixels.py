@@ -112,17 +112,6 @@ def test_the_capacitor_has_dark_current_and_ktc_noise_of_its_own() -> None:
     assert (high.mean() - 64) / 0.4 == pytest.approx(1.0, abs=0.05)
 
 
-def test_overflow_dark_current_follows_theory_and_temperature() -> None:
-    camera = LOFIC.at_readout("capacitor")
-    frames = ms.expose(flat(50.0, 128), camera, SHORT, frames=30)
-    assert frames.digital.mean() == pytest.approx(frames.clean.mean(), rel=1e-3)
-    ratio = frames.digital.var(axis=0, ddof=1).mean() / frames.temporal_variance.mean()
-    assert ratio == pytest.approx(1, abs=0.01)
-    doubling = camera.replace(**{"dark_current.doubling_k": 6.0})
-    stage = next(x for x in doubling.stages if isinstance(x, OverflowDarkCurrent))
-    assert stage.model.rate_e_per_s(304.15) == pytest.approx(40_000)
-
-
 def test_staggered_exposures_have_their_own_electrons_and_one_fixed_pattern() -> None:
     noisy = STAGGERED.replace(**{"pixel.prnu": 0.05})
     frames = ms.expose(flat(5_000.0), noisy, SHORT, frames=16)
@@ -137,58 +126,13 @@ def test_staggered_exposures_have_their_own_electrons_and_one_fixed_pattern() ->
     assert frames.readouts["short"].first.exposure.time_s == pytest.approx(0.01 / 16)
 
 
-def test_equal_exposures_are_independent_too() -> None:
-    camera = camera_of(
-        readout("first", 0.4, 1.0, 8_000.0),
-        readout("second", 0.39, 1.0, 9_000.0, "exposure"),
-    )
-    frames = ms.expose(flat(1_000.0), camera, SHORT)
-    first, second = (one.digital.astype(float).ravel() for one in frames.readouts.values())
-    assert abs(np.corrcoef(first, second)[0, 1]) < 5 / 256
-
-
-@pytest.mark.parametrize("staggered", [True, False])
-def test_light_of_an_exposure_that_the_camera_does_not_have_is_refused(staggered: bool) -> None:
-    """It was left out without a word."""
-    camera, said = PLAIN, "has one exposure of one photodiode; pass photons"
-    if staggered:
-        camera, said = STAGGERED, "has light of its own for 'short'"
-    light = flat(100, 4).changed(by_readout={"shrot": flat(100, 4)})
-    with pytest.raises(ms.InputError, match=rf"photons\.by_readout names 'shrot'; .*{said}"):
-        ms.expose(light, camera, SHORT)
-
-
-@pytest.mark.parametrize("later", [[1.0], {"short": np.ones((4, 4))}, {3: flat(1, 4), "a": 1}])
-def test_light_of_later_exposures_that_is_no_photons_by_name_is_refused(later: Any) -> None:
-    with pytest.raises(
-        ms.InputError, match=r"photons\.by_readout holds something else than Photons"
-    ):
-        ms.expose(flat(100, 4).changed(by_readout=later), STAGGERED, SHORT)
-
-
 def test_light_of_later_exposures_is_of_all_of_them_at_the_same_place() -> None:
     """The missing one had the light of the first, and another origin that of other pixels."""
     with pytest.raises(ms.InputError, match=r"by_readout lacks 'short'; give the light of all"):
         ms.expose(flat(100, 4).changed(by_readout={}), STAGGERED, SHORT)
     beside = {"short": flat(100, 4).changed(origin=(0, 2)), "shortest": flat(100, 4)}
-    with pytest.raises(ms.InputError, match=r"first pixel at \(0, 2\); it must be \(0, 0\)"):
+    with pytest.raises(ms.InputError, match=r"from pixel \(0, 2\); it must be"):
         ms.expose(flat(100, 4).changed(by_readout=beside), STAGGERED, SHORT)
-
-
-def test_the_exposure_time_that_a_refusal_names_fits_into_the_frame() -> None:
-    """At 24 frames per second it was 0.0417 s, longer than the frame; of a gap that fills it 0 s."""
-    light, long = np.full((4, 4), 100.0), ms.Exposure(1.0)
-    for camera in (PLAIN, STAGGERED):
-        with pytest.raises(ms.InputError, match="longer than the frame period") as refused:
-            ms.expose(light, camera, long, frames=2, fps=24)
-        time_s = float(str(refused.value).split("--exposure-s ")[1].split(")")[0])
-        ms.expose(light, camera, ms.Exposure(time_s), frames=2, fps=24)
-    second = {**readout("b", 0.4, 1.0, 9_000.0, "exposure"), "gap_us": 1e6}
-    apart = camera_of(readout("a", 0.4, 1.0, 8_000.0), second)
-    with pytest.raises(
-        ms.InputError, match="shorten the gap_us of its read-outs, or have fewer"
-    ):
-        ms.expose(light, apart, SHORT, frames=2, fps=24)
 
 
 def test_a_split_pixel_has_two_photodiodes_and_one_of_them_is_read_twice() -> None:
@@ -202,17 +146,6 @@ def test_a_split_pixel_has_two_photodiodes_and_one_of_them_is_read_twice() -> No
     noise = [(x - x.mean(axis=0)).ravel() for x in (high, low, small)]
     assert np.corrcoef(noise[0], noise[1])[0, 1] > 0.9
     assert abs(np.corrcoef(noise[0], noise[2])[0, 1]) < 5 / math.sqrt(noise[0].size)
-
-
-@pytest.mark.parametrize("camera", [STAGGERED, SPLIT, LOFIC])
-def test_the_combination_is_linear_in_the_light(camera: ms.Camera) -> None:
-    stage = camera.combined_readouts
-    top = 0.8 * 9_000 * {"shortest": 256, "small": 37, "capacitor": 18}[stage.names()[-1]]
-    levels = np.geomspace(20, top, 30)
-    light = ms.Photons(np.tile(levels[:, None], (1, 4_000)), detected=True)
-    codes = ms.expose(light, camera, SHORT).digital[0].mean(axis=1)
-    found_e = (codes - stage.black_level_dn) / stage.nominal_gain
-    assert found_e == pytest.approx(levels, rel=0.03, abs=215)
 
 
 WIDE = camera_of(
@@ -261,22 +194,6 @@ def test_the_snr_follows_the_closed_form_over_140_db_dips_included() -> None:
             number = int(np.searchsorted(ends_e, level))
             worst_db[1] = max(worst_db[1], abs(measured_db - closed_form_db(level, number)))
     assert max(worst_db) < 0.1
-
-
-def test_the_snr_dips_at_each_hand_over_by_the_ratio_of_the_variances() -> None:
-    stage = WIDE.combined_readouts
-    linear = stage.combination.readouts
-    for number, one in enumerate(linear[:-1]):
-        end_e = (one.end_dn - one.black_dn) * one.electrons_per_dn
-        spread = math.sqrt(end_e / RATIOS[number] + (NOISES[number] / RATIOS[number]) ** 2)
-        levels = end_e + np.array([-9.5, 9.5]) * spread
-        mean, variance = codes_by_light(WIDE, levels, 4096)
-        before_db, behind_db = 20 * np.log10((mean - stage.black_level_dn) / np.sqrt(variance))
-        dip_db = closed_form_db(levels[0], number) - closed_form_db(levels[1], number + 1)
-        assert before_db - behind_db == pytest.approx(
-            dip_db, abs=0.1
-        )  # variances by a lattice: 1 %
-        assert closed_form_db(end_e, number) - closed_form_db(end_e, number + 1) > 0.1
 
 
 def test_dynamic_range_by_emva_and_iso_15739_follows_from_noise_and_saturation() -> None:

@@ -22,9 +22,6 @@ class Tabulated(ms.Stage):
     def sample(self, signal: ms.Array, frame: object) -> ms.Array:
         return signal
 
-    def moments(self, m: ms.Moments) -> ms.Moments:
-        return m
-
 
 def test_equal_cameras_share_their_noise_and_others_do_not() -> None:
     one, same = ms.load_camera("bayer_2mp"), ms.load_camera("bayer_2mp")

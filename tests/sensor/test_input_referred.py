@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers.stage_tests import backend_of
+from helpers.engines import backend_of
 
 import mitsuba_sensor as ms
 
@@ -33,15 +33,6 @@ def test_it_is_the_swing_over_the_gain_of_small_signals(engine: str) -> None:
     assert frames.volts is not None and frames.input_referred_electrons is not None
     assert frames.input_referred_electrons.shape == (2, 48, 64)
     np.testing.assert_allclose(frames.input_referred_electrons, frames.volts / 10e-6, rtol=2e-7)
-
-
-def test_both_engines_and_any_strip_have_the_same_bytes() -> None:
-    backend_of("drjit")
-    one, two = (
-        ms.expose(LIGHT, GAINS, EXPOSURE, keep=NAME, engine=engine).input_referred_electrons
-        for engine in ("numpy", "drjit")
-    )
-    np.testing.assert_array_equal(one, two)
 
 
 def test_less_the_electrons_of_the_well_it_is_the_read_noise() -> None:

@@ -108,9 +108,6 @@ class Changing(ms.Stage):
         offsets = window.cached("offsets", lambda: np.full(window.shape, self.offset_v))
         return swing + window.backend.from_numpy(offsets, window)
 
-    def moments(self, m: ms.Moments) -> ms.Moments:
-        return m
-
 
 def test_a_stage_of_ones_own_may_change_between_two_calls() -> None:
     stage = Changing(0.0)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import SCENES, SKY, scene_text, write_scene
+from helpers.scenes import SKY, scene_text, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.figures import saturation_e
@@ -48,16 +48,6 @@ def test_the_percentile_of_the_pixels_stands_at_the_share_of_saturation(
     assert float(f"{exposure.time_s:.3g}") == exposure.time_s
 
 
-def test_twice_the_light_takes_half_the_time(light: Any) -> None:
-    once, twice = (
-        metered(replace(light, data=factor * light.data), CAMERA, ms.Metering()).time_s
-        for factor in (1, 2)
-    )
-    assert once == pytest.approx(
-        2 * twice, rel=0.1
-    )  # dark current takes its part of the longer time
-
-
 def test_dark_pixels_and_infinite_ones_do_not_count(light: Any) -> None:
     data = np.concatenate([light.data, 0 * light.data, np.full_like(light.data, np.inf)])
     whole = metered(replace(light, data=data), CAMERA, ms.Metering())
@@ -79,11 +69,6 @@ def test_dark_current_fills_the_well_too(light: Any) -> None:
     )
     assert frames.dark_electrons.mean() > 0.9 * frames.electrons.mean()
     assert np.median(frames.electrons) == pytest.approx(SHARE * WELL, rel=0.1)
-
-
-def test_a_converter_that_ends_below_the_full_well_is_the_saturation() -> None:
-    half = CAMERA.replace(**{"adc.full_scale_v": 0.5 * 33000 * 5e-6})
-    assert saturation_e(half) < 0.6 * WELL < saturation_e(CAMERA) <= WELL
 
 
 @pytest.mark.parametrize(
@@ -114,29 +99,6 @@ def test_saturation_is_where_the_codes_end_also_of_a_curved_response(
     )
     highest = 2**camera.adc.bits - 1
     assert above == highest and 0.97 * highest < below < highest
-
-
-def test_dark_frames_that_dark_current_fills_are_saved_with_the_reason(
-    light: Any, tmp_path: Path
-) -> None:
-    """Nothing can be metered there, and of infinite light no time is short enough."""
-    hot = ms.expose(np.zeros((4, 4)), CAMERA, ms.Exposure(1000.0, 400.0))
-    hot.save(tmp_path / "out")
-    (note,) = json.loads((tmp_path / "out" / "frame.json").read_text("utf-8"))["notes"]
-    assert note.startswith(
-        "100% of the pixels are saturated at 1000 s; dark current alone makes 1.03e+09 e-"
-    )
-    infinite = replace(
-        light, data=np.where(np.arange(16)[:, None] % 2, light.data, np.inf).astype(np.float32)
-    )
-    metered_s = metered(infinite, CAMERA, ms.Metering()).time_s
-    way_out = f"; {metered_s:g} s is metered (--exposure-s {metered_s:g})"
-    for exposure, said in ((ms.Exposure(0.01), ""), (ms.Exposure(10.0), way_out)):
-        notes = ms.capture(infinite, CAMERA, exposure).metadata["notes"]
-        assert any(
-            note.endswith(f"of the pixels are saturated at {exposure.time_s:g} s{said}")
-            for note in notes
-        )
 
 
 def test_black_light_and_numbers_out_of_range_are_refused(light: Any) -> None:
@@ -203,57 +165,12 @@ def test_where_the_exposure_decides_what_is_rendered_a_short_render_is_metered_f
     assert found.metadata["exposure"]["time_s"] == pytest.approx(still, rel=0.05)
 
 
-def test_frames_with_a_render_each_have_one_exposure(tmp_path: Path) -> None:
-    frames = ms.render_frames(
-        write_scene(tmp_path, scene_text(SKY)), CAMERA, "auto", frames=2, **SMALL
-    )
-    times = {one.frames.first.exposure.time_s for one in frames}
-    assert len(times) == 1 and 0.3 < times.pop() < 10
-
-
 def test_a_white_picture_is_told_the_time_that_metering_finds(tmp_path: Path) -> None:
     path = write_scene(tmp_path, scene_text(SKY))
     metered_s = ms.capture(path, CAMERA, **SMALL).frames.first.exposure.time_s
     white = ms.capture(path, CAMERA, ms.Exposure(10.0), **SMALL)
     way_out = f"{metered_s:g} s is metered (--exposure-s {metered_s:g})"
     assert f"100% of the pixels are saturated at 10 s; {way_out}" in white.frames.notes
-
-
-def test_auto_of_the_command_line_and_of_the_scene_file(
-    tmp_path: Path, cli: Callable[..., Any]
-) -> None:
-    """--exposure-s overrules the file's exposure_s, which may be "auto" or a <default> that nothing uses."""
-    named = '<default name="exposure_s" value="0.02"/>'
-    path, options = (
-        write_scene(tmp_path, scene_text(named, SKY)),
-        ("--spp", 16, "--wavelength-nm", 550),
-    )
-    times = []
-    for more in (
-        (),
-        ("-D", "exposure_s=0.03"),
-        ("-D", "exposure_s=auto"),
-        ("--exposure-s", "auto"),
-    ):
-        done = cli(
-            "render",
-            path,
-            "-o",
-            tmp_path / "out",
-            "--json",
-            "--variant",
-            "scalar_spectral",
-            *options,
-            *more,
-        )
-        times.append(json.loads(done.stdout)["exposure"]["time_s"])
-    assert times[:2] == [0.02, 0.03] and times[2] == times[3] > 0.1
-    assert (
-        "give seconds, e.g. 0.001, or auto"
-        in cli("render", path, "-o", tmp_path / "o", "--exposure-s", "1ms").stderr
-    )
-    wrong = cli("lint", path, "-D", "exposure_s=soon", "--variant", "scalar_spectral")
-    assert wrong.exit_code == 2 and "time_s is 'soon'" in wrong.stderr
 
 
 def test_the_percentile_and_share_asked_for_are_those_of_the_picture(
@@ -285,27 +202,6 @@ def test_the_percentile_and_share_asked_for_are_those_of_the_picture(
     assert json.loads(again.stdout)["exposure"]["time_s"] == pytest.approx(time_s / 2, rel=0.01)
 
 
-def test_auto_is_metered_as_the_scene_says_and_at_its_temperature(tmp_path: Path) -> None:
-    """In Python as on the command line, and of light at the temperature that it was rendered for; Metering() of one's
-    own overrules both."""
-    settings = '<string name="meter" value="20:0.3"/><float name="temperature_k" value="250"/>'
-    path = write_scene(tmp_path, photosensor(settings))
-    by_scene, auto, own = (
-        ms.render(path, None, asked, **SMALL) for asked in (None, "auto", ms.Metering())
-    )
-    assert auto.statistics.metering == by_scene.statistics.metering
-    assert (
-        auto.statistics.metering["percentile"] == 20
-        and own.statistics.metering["percentile"] == PERCENTILE
-    )
-    assert (
-        auto.rendered_for.exposure == by_scene.rendered_for.exposure
-        and auto.rendered_for.exposure.temperature_k == 250
-    )
-    assert ms.expose(auto, exposure="auto").first.exposure.temperature_k == 250
-    assert ms.expose(auto, exposure=ms.Metering()).first.exposure.temperature_k == 298.15
-
-
 @pytest.mark.parametrize(
     ("flags", "film", "says"),
     [
@@ -335,13 +231,3 @@ def test_a_metering_that_cannot_be_is_refused(
     path = write_scene(tmp_path, photosensor(film))
     done = cli("render", path, "-o", tmp_path / "out", "--variant", "scalar_spectral", *flags)
     assert done.exit_code == 2 and says in done.stderr and not (tmp_path / "out").exists()
-
-
-def test_every_shipped_scene_names_its_exposure() -> None:
-    """The first frame of the README is metered; a street at night is exposed as by hand."""
-    for path in sorted(SCENES.glob("*.xml")):
-        others = {"first_frame": "auto", "night_crossing": "0.025", "polarisation": "0.01"}
-        time_s = others.get(path.stem, "0.1")
-        assert f'name="exposure_s" value="{time_s}"' in path.read_text(encoding="utf-8"), (
-            path.name
-        )

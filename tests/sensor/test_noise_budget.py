@@ -86,7 +86,8 @@ def test_random_sources_are_as_strong_as_they_must_be() -> None:
         }
     )
     frames = frames_of(camera)
-    books, k = entries(frames.noise_budget()), gain_dn_per_e(camera)
+    budget, k = frames.noise_budget(), gain_dn_per_e(camera)
+    books = entries(budget)
     light, dark = 12_000.0, 174.158
     expected = {
         "photon shot noise": math.sqrt(light),
@@ -98,17 +99,17 @@ def test_random_sources_are_as_strong_as_they_must_be() -> None:
     }
     for name, electrons in expected.items():
         one = books[name]
-        require_close(one.temporal_dn2, one.errors[1], (k * electrons) ** 2)
-        assert abs(one.spatial_dn2) < 4 * one.errors[2] + 1e-9
+        require_close(one.temporal_dn2, one.temporal_error_dn2, (k * electrons) ** 2)
+        assert abs(one.spatial_dn2) < 4 * one.spatial_error_dn2 + 1e-9
     one = books["PRNU"]
-    require_close(one.spatial_dn2, one.errors[2], (k * 0.01 * light) ** 2)
+    require_close(one.spatial_dn2, one.spatial_error_dn2, (k * 0.01 * light) ** 2)
     assert one.temporal_dn2 == 0  # its shot noise is shot noise
     assert books["quantum efficiency"].mean_dn == pytest.approx(k * light, rel=1e-5)
     assert books["dark current"].mean_dn == pytest.approx(k * dark, rel=1e-3)
     assert books["ADC"].mean_dn == pytest.approx(800.0, abs=0.01)
     for name, sigma_e in (("PRNU", 0.01 * light), ("source follower noise", 6.105069)):
-        assert books[name].dn.shape == SHAPE
-        assert books[name].dn.std() == pytest.approx(k * sigma_e, rel=0.02)
+        assert budget.change_of(name).shape == SHAPE
+        assert budget.change_of(name).std() == pytest.approx(k * sigma_e, rel=0.02)
         assert books[name].rms_dn == pytest.approx(k * sigma_e, rel=0.02)
 
 
@@ -116,15 +117,17 @@ def test_a_source_that_is_switched_off_is_without_effect_and_the_others_stay() -
     """The same random numbers: rows of other sources change by what rounding of float32 does."""
     on = TABLE1.replace(**{**RICH, "dark_current.rts_fraction": 0.0})
     off = on.replace(**{"pixel.dsnu_e": 0.0})
-    before, after = (entries(frames_of(camera).noise_budget()) for camera in (on, off))
+    budgets = [frames_of(camera).noise_budget() for camera in (on, off)]
+    before, after = map(entries, budgets)
     assert list(before) == list(after)
     assert before["DSNU pixel"].spatial_dn2 > 1 and after["DSNU pixel"].spatial_dn2 == 0
-    assert not after["DSNU pixel"].dn.any()
+    assert not budgets[1].change_of("DSNU pixel").any()
     for name in set(before) - {"DSNU pixel", "ADC", "PRNU column"}:
         one, other = before[name], after[name]
         assert one.temporal_dn2 == pytest.approx(other.temporal_dn2, rel=1e-3, abs=1e-5)
         assert (
-            abs(one.spatial_dn2 - other.spatial_dn2) < 0.2 * math.hypot(*one.errors[1:]) + 1e-3
+            abs(one.spatial_dn2 - other.spatial_dn2)
+            < 0.2 * math.hypot(one.temporal_error_dn2, one.spatial_error_dn2) + 1e-3
         )
 
 
@@ -140,11 +143,11 @@ def test_pixels_that_are_clipped_do_not_count_and_the_budget_says_how_many() -> 
         one, other = entries(half)[name], entries(whole)[name]
         assert (
             abs(one.temporal_dn2 - other.temporal_dn2)
-            < 4 * math.hypot(one.errors[1], other.errors[1]) + 1e-4
+            < 4 * math.hypot(one.temporal_error_dn2, other.temporal_error_dn2) + 1e-4
         )
         assert (
             abs(one.spatial_dn2 - other.spatial_dn2)
-            < 4 * math.hypot(one.errors[2], other.errors[2]) + 1e-4
+            < 4 * math.hypot(one.spatial_error_dn2, other.spatial_error_dn2) + 1e-4
         )
     full = frames_of(TABLE1, 200_000.0).noise_budget()
     assert full.clipped == 1 and "100 % of the pixels are clipped" in full.explain()
@@ -175,7 +178,7 @@ def test_the_table_has_sigma_its_standard_error_share_and_total() -> None:
 
 def test_a_budget_is_that_of_its_frames_and_of_each_readout() -> None:
     later = frames_of(TABLE1, first_frame=3)
-    assert entries(later.noise_budget())["source follower noise"].dn.shape == SHAPE
+    assert later.noise_budget().change_of("source follower noise").shape == SHAPE
     light = ms.Photons(np.full((64, 64), 1000.0), detected=True)
     frames = ms.expose(light, "scmos_dual_gain", EXPOSURE)
     with pytest.raises(ms.InputError, match="of one read-out"):

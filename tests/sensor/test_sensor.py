@@ -127,31 +127,6 @@ def test_memory_is_bounded_and_the_window_used_last_stays() -> None:
     assert 0 < sensor.bytes <= 3 * 4 * 130 * 130
 
 
-def test_what_belongs_to_the_sensor_is_refused_in_a_call() -> None:
-    sensor = ms.Sensor(CAMERAS["table 1"])
-    for name, value in {"serial": 3, "maps": {}}.items():
-        with pytest.raises(ms.InputError, match=f"{name} belongs to the sensor"):
-            sensor.expose(light(1), EXPOSURE, **{name: value})
-    with pytest.raises(ms.InputError, match="photons"):
-        sensor.expose(-light(1), EXPOSURE)
-
-
-def test_measured_maps_are_those_of_the_sensor() -> None:
-    camera = CAMERAS["table 1"]
-    maps = ms.fpn_maps(camera, (40, 60), serial=7)
-    given = ms.Sensor(camera, serial=7, maps=maps).expose(light(1), EXPOSURE).digital
-    np.testing.assert_array_equal(
-        given, ms.expose(light(1), camera, EXPOSURE, serial=7).digital
-    )
-    other = ms.Sensor(camera, serial=1, maps=maps).expose(light(1), EXPOSURE)
-    np.testing.assert_array_equal(
-        other.clean, ms.expose(light(1), camera, EXPOSURE, serial=7).clean
-    )
-    assert (other.digital != given).mean() > 0.9, (
-        "the temporal noise is that of serial number 1"
-    )
-
-
 def mean_photons(kind: str) -> Any:
     """300 × 500, with what a kernel may detect in another way than the host."""
     photons = light(6, (300, 500))
@@ -198,52 +173,6 @@ def test_light_that_the_kernel_detects_is_that_of_a_stream_and_of_the_host(
         np.testing.assert_array_equal(one.detected.mean_e, fast[0].detected.mean_e)
 
 
-@pytest.mark.parametrize("shape", [(301, 499), (64, 1), (1, 64)])
-@pytest.mark.parametrize("kind", ["channels", "one band"])
-def test_light_on_a_mosaic_that_the_kernel_detects_is_that_of_the_host(
-    kind: str, shape: tuple[int, int]
-) -> None:
-    """From every corner of the tile, each pixel gets the layer or the QE of its filter."""
-    camera, layers = CAMERAS["bayer"], np.random.default_rng(3).uniform(0, 20_000, (*shape, 3))
-    layers[0, 0], layers[-1, -1] = np.inf, [0, np.inf, 1e300]
-    photons = (
-        ms.Photons(layers, np.array([450.0, 550.0, 650.0]), detected=True)
-        if kind == "channels"
-        else ms.Photons(layers[..., 0])
-    )
-    options: Any = (
-        {"first_frame": 3}
-        if kind == "channels"
-        else {"first_frame": 3, "wavelengths_nm": [612.0]}
-    )
-    for origin in ((0, 0), (0, 1), (1, 0), (7, 9)):
-        sensor = ms.Sensor(camera, serial=7)
-        one = [
-            sensor.expose(photons, EXPOSURE, engine=engine, origin=origin, **options)
-            for engine in ENGINES
-        ]
-        streamed = next(
-            sensor.stream(
-                photons, EXPOSURE, engine=ENGINES[-1], origin=origin, frames=2, **options
-            )
-        )
-        np.testing.assert_array_equal(one[-1].digital[0], streamed)
-        np.testing.assert_array_equal(one[-1].digital, one[0].digital)
-        np.testing.assert_array_equal(one[-1].detected.mean_e, one[0].detected.mean_e)
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-def test_bad_photons_of_any_channel_are_refused(engine: str) -> None:
-    layers = np.ones((20, 30, 3))
-    layers[3, 4, 2] = np.nan
-    photons = ms.Photons(layers, np.array([450.0, 550.0, 650.0]), detected=True)
-    for at in ((3, 4), (3, 5), (4, 4), (4, 5)):  # whichever filter that pixel has
-        with pytest.raises(
-            ms.InputError, match=r"photons is NaN in 1 place\(s\), first at \(3, 4, 2\)"
-        ):
-            ms.Sensor(CAMERAS["bayer"]).expose(photons, EXPOSURE, engine=engine, origin=at)
-
-
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("bad", [np.nan, -1.0, -np.inf, -1e-300])
 def test_bad_photons_are_refused_where_they_are_detected(bad: float, engine: str) -> None:
@@ -259,23 +188,6 @@ def test_bad_photons_are_refused_where_they_are_detected(bad: float, engine: str
     np.testing.assert_array_equal(
         sensor.expose(light(1), EXPOSURE, engine=engine, first_frame=0).digital, before
     )
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-def test_photons_may_be_written_over_once_a_frame_is_there(engine: str) -> None:
-    """The next scene of a data set in the same memory: report, electrons and a stream are those of the first."""
-    sensor, photons = ms.Sensor(CAMERAS["table 1"]), light(1)
-    options: Any = {"engine": engine, "first_frame": 0}
-    frames, stream = (
-        sensor.expose(photons, EXPOSURE, **options),
-        sensor.stream(photons, EXPOSURE, **options),
-    )
-    fresh = sensor.expose(photons.copy(), EXPOSURE, **options)
-    photons[...] = 0.0
-    sensor.expose(photons, EXPOSURE, engine=engine)
-    np.testing.assert_array_equal(next(stream), fresh.digital[0])
-    np.testing.assert_array_equal(frames.detected.mean_e, fresh.detected.mean_e)
-    assert frames.report["stages"] == fresh.report["stages"]
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -1,8 +1,4 @@
-"""Chains of whole cameras: every stage has the moments that it states, whatever stands before it.
-
-Nothing here names a stage that must be tested: a new stage, camera file or colour filter is tested without a new line.
-What one stage does alone is tested in effects/.
-"""
+"""Chains of whole cameras. What one stage does alone is tested in effects/."""
 
 from __future__ import annotations
 
@@ -10,20 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import EACH_KIND
-from helpers.marks import exhaustive
-from helpers.stage_tests import (
-    ENGINES,
-    EXPOSURE,
-    PART,
-    TALL,
-    WIDE,
-    assert_step_agrees,
-    backend_of,
-    dark_to_saturation,
-    photons,
-    steps,
-)
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.stages.chain import chain
@@ -65,53 +47,6 @@ EVERYTHING = BASE.replace(
     **{"adc.ile": 0.02, "adc.bits": 14},
 )
 """Every noise source and every curve at once."""
-
-CASES = [(name, {}, 0.1) for name in EACH_KIND] + [("sony_a7s2", {}, 0.0)]
-CASES += [exhaustive(name, {}, level) for name in EACH_KIND for level in (0.0, 0.5)]
-CASES += [exhaustive("eev_44_82", {}, 1.0), exhaustive("bayer_2mp", {"adc.bits": 16}, 0.01)]
-ROWS = {"sony_a7s2"}
-"""Cameras whose rows share a noise: their windows have many rows."""
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize(("name", "change", "level"), CASES, ids=str)
-def test_every_stage_of_a_camera_file_has_the_moments_that_it_states(
-    name: str, change: dict[str, Any], level: float, engine: str
-) -> None:
-    """Mean, temporal and spatial variance behind every stage, within 5 standard errors.
-
-    Chance: 3 × 12 comparisons in 15 cases at P(|t₆₃| > 5) = 5e-6 each: one other seed in 400 would fail somewhere.
-    (The backends are given the same random bits, so they do not add to that.)
-    A sign, a factor √2 or a forgotten term is 10 to 1000 standard errors.
-    """
-    backend_of(engine)
-    camera = ms.load_camera(name).replace(**change)
-    for step in steps(camera, photons(camera, level, TALL if name in ROWS else WIDE), engine):
-        assert_step_agrees(step, engine)
-
-
-@pytest.mark.parametrize("engine", ["float64", "numpy", exhaustive("drjit")])
-@pytest.mark.parametrize("level", [0.0, 0.4])
-def test_every_stage_of_a_camera_with_every_effect_has_the_moments_that_it_states(
-    level: float, engine: str
-) -> None:
-    """Chance: 3 × 18 comparisons in 2 cases at 5e-6 each: one other seed in 1800 would fail somewhere."""
-    backend_of(engine)
-    for step in steps(EVERYTHING, photons(EVERYTHING, level, WIDE), engine):
-        assert_step_agrees(step, engine)
-
-
-@pytest.mark.exhaustive
-def test_report_plan_and_noise_budget_name_every_stage_of_a_camera_with_every_effect() -> None:
-    """By its label, or by the labels of its sources."""
-    light = dark_to_saturation(EVERYTHING, PART)
-    frames = ms.expose(light, EVERYTHING, EXPOSURE)
-    reported = [line["name"] for line in frames.report["stages"]]
-    planned = [effect.stage for effect in ms.plan(EVERYTHING, EXPOSURE, light).effects]
-    sources = {entry.source for entry in frames.noise_budget().entries}
-    for label in [stage.label for stage in chain(EVERYTHING)]:
-        assert label in reported and label in planned
-        assert label in sources or any(source.endswith(label) for source in sources), label
 
 
 @pytest.mark.parametrize("name", [*ms.list_cameras(), "every effect"])

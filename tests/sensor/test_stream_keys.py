@@ -115,72 +115,6 @@ def test_fixed_patterns_are_those_of_one_chip_of_one_camera(source: str) -> None
     )  # neighbours are coupled: fewer independent values
 
 
-def test_two_cameras_of_equal_serial_share_no_map() -> None:
-    camera = ms.load_camera("konnik_table1").replace(
-        **{"dark_current.cv": 0.4, "pixel.dsnu_e": 5.0}
-    )
-    one, other = (
-        ms.fpn_maps(x, SHAPE, serial=7) for x in (camera, camera.replace(name="another"))
-    )
-    assert set(one) == set(other) and len(one) >= 3
-    for name, values in one.items():
-        if values.std() > 0:
-            assert abs(correlation(values, other[name])) < 5 / values.size**0.5, name
-
-
-def test_fixed_patterns_stay_from_exposure_to_exposure() -> None:
-    """Offsets of 131 DN per column under 12 DN of read noise: means over rows correlate at 1, whatever changes."""
-    camera = CAMERA.replace(**{"readout.dsnu_col": 0.002, "adc.black_level_dn": 1000})
-    calls: list[tuple[ms.Exposure, dict[str, Any]]] = [(EXPOSURE, {}), (ms.Exposure(0.0), {})]
-    calls += [
-        (EXPOSURE, {"seed": 9}),
-        (EXPOSURE, {"first_frame": 4}),
-        (ms.Exposure(0.1, 300.0), {}),
-    ]
-    means = [
-        ms.expose(np.zeros(SHAPE), camera, at, serial=3, **how).digital[0].mean(axis=0)
-        for at, how in calls
-    ]
-    for other in means[1:]:
-        assert correlation(means[0], other) > 0.99
-
-
-CHANGES: dict[str, Any] = {
-    "adc.bits": 14,
-    "quantum_efficiency.value": 0.3,
-    "source_follower.white_nv_per_rthz": 5.0,
-    "pixel.full_well_e": 20_000,
-    "pixel.prnu": 0.02,
-    "readout.sense_gain_uv_per_e": 7.0,
-    "description": "the same camera, described in another way",
-}
-
-
-@pytest.mark.parametrize("field", CHANGES)
-def test_a_change_of_one_number_leaves_every_stream_as_it_was(field: str) -> None:
-    changed = CAMERA.replace(**{field: CHANGES[field]})
-    one, other = (
-        ms.expose(np.full((4, 5), 100.0), x, EXPOSURE).first for x in (CAMERA, changed)
-    )
-    assert one.key == other.key and one.window.key == other.window.key
-
-
-def test_the_noise_of_a_change_of_one_number_is_that_number_times_the_same_noise() -> None:
-    """Read noise only, doubled: of every pixel the noise is twice what it was, to the rounding of 0.5 DN each."""
-    quiet = CAMERA.replace(
-        **{"readout.reset": "true_cds", "source_follower.white_nv_per_rthz": 15.0}
-    )
-    louder = quiet.replace(
-        **{"source_follower.white_nv_per_rthz": 30.0, "adc.black_level_dn": 400}
-    )
-    one, two = (
-        ms.expose(np.zeros(SHAPE), x, ms.Exposure(0.0)).digital.astype(float)
-        for x in (quiet, louder)
-    )
-    assert one.std() > 10
-    assert np.abs((two - 400) - 2 * (one - 200)).max() <= 1.5
-
-
 def test_a_key_is_of_values_and_not_of_how_they_are_written() -> None:
     """Whole numbers, NumPy's, −0, and the last bits of an exposure make no other frame."""
 
@@ -221,21 +155,3 @@ def test_a_key_is_of_values_and_not_of_how_they_are_written() -> None:
         )
         == 6
     )
-
-
-def test_a_crop_a_frame_alone_and_a_plan_have_the_noise_of_the_whole() -> None:
-    """Under one exposure a series goes on: whatever else is asked for, frame 12 is frame 12."""
-    light = np.full((40, 60), 500.0)
-    exposure = ms.Exposure(0.05, 310.0)
-    for how in ENGINES.values():
-        series = ms.expose(light, CAMERA, exposure, serial=3, seed=8, frames=13, **how).digital
-        alone = ms.expose(
-            light, CAMERA, exposure, serial=3, seed=8, first_frame=12, **how
-        ).digital
-        np.testing.assert_array_equal(alone[0], series[12])
-        part = {"serial": 3, "seed": 8, "first_frame": 12, "origin": (5, 7), **how}
-        np.testing.assert_array_equal(
-            ms.expose(light[5:, 7:], CAMERA, exposure, **part).digital[0], series[12, 5:, 7:]
-        )
-        streamed = list(ms.stream(light, CAMERA, exposure, serial=3, seed=8, frames=13, **how))
-        np.testing.assert_array_equal(np.array(streamed), series)

@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import EACH_KIND
 from helpers.marks import one_in
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core import counter_rng, distributions
 from mitsuba_sensor.core.backend import normals as normals_of
 from mitsuba_sensor.core.counter_rng import FIXED_PATTERN, STREAMS, stream_of
 from mitsuba_sensor.core.distributions import AR_BLOCK
@@ -151,28 +149,6 @@ def test_frame_12_alone_is_frame_12_of_many() -> None:
         np.testing.assert_array_equal(getattr(many, name)[12], getattr(alone, name)[0])
 
 
-def test_frames_differ_and_the_same_question_gets_the_same_frame() -> None:
-    many = ms.expose(LIGHT, CAMERA, EXPOSURE, seed=4, serial=9, frames=3).digital
-    again = ms.expose(LIGHT, CAMERA, EXPOSURE, seed=4, serial=9, frames=3).digital
-    np.testing.assert_array_equal(many, again)
-    for a, b in itertools.combinations(many, 2):
-        assert np.mean(a == b) < 0.1
-
-
-@pytest.mark.parametrize("name", EACH_KIND)
-@pytest.mark.parametrize("corner", [(0, 0), (3, 5), (8, 1)])
-def test_a_crop_of_a_frame_is_the_frame_of_the_crop(name: str, corner: tuple[int, int]) -> None:
-    """At odd corners too, where a colour filter mosaic begins with another filter."""
-    camera = ms.load_camera(name)
-    y, x = corner
-    whole = ms.expose(LIGHT, camera, EXPOSURE, keep=ALL)
-    part = ms.expose(LIGHT[y : y + 9, x : x + 11], camera, EXPOSURE, keep=ALL, origin=corner)
-    for signal in ("digital", *ALL):
-        np.testing.assert_array_equal(
-            getattr(part, signal), getattr(whole, signal)[:, y : y + 9, x : x + 11]
-        )
-
-
 def test_a_crop_across_a_block_of_coupled_columns_is_the_frame_of_the_crop() -> None:
     """The stripes are made in blocks of 4096 columns: windows inside, across and beyond a border see the same bits."""
     light = np.full((2, 2 * AR_BLOCK + 50), 1000.0)
@@ -188,23 +164,6 @@ def test_a_crop_across_a_block_of_coupled_columns_is_the_frame_of_the_crop() -> 
             light[:, :width], CAMERA, EXPOSURE, keep=("volts",), origin=(0, first)
         ).volts
         np.testing.assert_array_equal(part, whole[:, :, first : first + width])
-
-
-@pytest.mark.parametrize("coupling", [0.25, 0.45, 0.4999])
-def test_coupled_columns_do_not_feel_the_border_of_a_block(coupling: float) -> None:
-    """x_j − a(x_{j−1} + x_{j+1}) must be the white U_j on both sides of column 4096 just as anywhere else.
-
-    Its values at the border are compared with those of the same equation solved in one piece over both blocks.
-    """
-    line = SensorWindow(3, (1, 2 * AR_BLOCK)).line_map("dsnu_col", coupling)[0]
-    (block, slot), key = STREAMS["dsnu_col"], SensorWindow(3, (1, 1)).key
-    columns = np.arange(-distributions.AR_WARM_UP, 2 * AR_BLOCK + distributions.AR_WARM_UP)
-    white = distributions.normal(
-        counter_rng.random_bits_at(block, np.zeros(1, dtype=np.int64), columns, 0, key)[slot]
-    )
-    np.testing.assert_allclose(
-        line, distributions.isotropic_ar(white, coupling, distributions.AR_WARM_UP), atol=1e-10
-    )
 
 
 LINES = {"dsnu_col": 1, "prnu_col": 1, "dsnu_row": 0}
@@ -352,34 +311,3 @@ def test_lines_and_pixels_of_one_source_are_uncorrelated(axis: int) -> None:
     across = (other.column_normal if axis == 0 else other.row_normal)("amplifier").ravel()
     assert abs(np.corrcoef(line, across)[0, 1]) < 5 / np.sqrt(n)
     assert line[0] != across[0]
-
-
-@pytest.mark.parametrize("engine", ["numpy", "drjit"])
-@pytest.mark.parametrize("compensated", [False, True])
-def test_frames_are_the_same_with_and_without_the_signals_that_are_kept(
-    engine: str, compensated: bool
-) -> None:
-    """RTS and RTN pixels: light and dark electrons are split from one count only where somebody asks for them."""
-    traps = {"dark_current.rts_fraction": 0.1, "dark_current.rts_amplitude_e_per_s": 2e4}
-    traps |= {
-        "source_follower.rtn_pixel_fraction": 0.2,
-        "source_follower.rtn_pixel_amplitude_e": 9.0,
-    }
-    camera = ms.load_camera("konnik_table1").replace(**traps)
-    light = np.linspace(10.0, 4000.0, 960).reshape(24, 40)
-    photons = ms.Photons(light, variance_e2=0.1 * light if compensated else None)
-    kept = ["photoelectrons", "dark_electrons", "electrons", "volts"]
-    for frame in range(2):
-        plain, more = (
-            ms.expose(
-                photons,
-                camera,
-                ms.Exposure(0.1),
-                seed=5,
-                first_frame=frame,
-                engine=engine,
-                keep=keep,
-            )
-            for keep in ([], kept)
-        )
-        assert np.array_equal(plain.digital, more.digital)

@@ -12,10 +12,7 @@ from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import Backend
-from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.sensor import run
-from mitsuba_sensor.stages.chain import chain
-from mitsuba_sensor.stages.stage import sample
 
 TABLE1 = ms.load_camera("konnik_table1")
 SHAPE = (13, 17)
@@ -99,23 +96,6 @@ def test_no_byte_depends_on_the_height_of_the_strips(
         assert signals(case, strip, monkeypatch) == whole
 
 
-@pytest.mark.parametrize("case", ["coupled maps", "everything at once"])
-def test_a_frame_in_strips_is_the_frame_that_the_chain_makes_without_them(
-    case: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """One row at a time against the whole window at once; and its last rows against those alone, in the next tile."""
-    camera, light, _ = CASES[case]
-    monkeypatch.setattr(Backend, "strip_pixels", 1)
-    digital = ms.expose(light, camera, ms.Exposure(0.3), serial=7, origin=TILE_EDGE).digital[0]
-    window = SensorWindow(7, SHAPE, TILE_EDGE, camera=camera.name)
-    whole = sample(chain(camera), ms.Photons(light), ms.Frame(ms.Exposure(0.3), window))
-    np.testing.assert_array_equal(digital, whole)
-    below = ms.expose(
-        light[6:], camera, ms.Exposure(0.3), serial=7, origin=(512, TILE_EDGE[1])
-    ).digital[0]
-    np.testing.assert_array_equal(digital[6:], below)
-
-
 def test_given_maps_are_cut_into_the_same_strips(monkeypatch: pytest.MonkeyPatch) -> None:
     """Maps of pixels, of rows, of columns, and one number for all; each with the rows of its own strip."""
     draw = np.random.default_rng(2)
@@ -132,14 +112,6 @@ def test_given_maps_are_cut_into_the_same_strips(monkeypatch: pytest.MonkeyPatch
     assert whole != signals("as shipped", 10**9, monkeypatch)
     for strip in (1, 4 * width + 3):
         assert signals("as shipped", strip, monkeypatch, maps=maps) == whole
-
-
-@pytest.mark.exhaustive
-def test_a_plan_goes_through_the_same_strips(monkeypatch: pytest.MonkeyPatch) -> None:
-    plan = ms.plan(TABLE1, ms.Exposure(0.3), ONE_BAND, tolerance_dn=1.0)
-    assert len(plan.stages) < len(plan.whole)
-    whole = signals("as shipped", 10**9, monkeypatch, plan=plan)
-    assert signals("as shipped", 1, monkeypatch, plan=plan) == whole
 
 
 def peak_mib(pixels: int) -> float:

@@ -11,16 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.marks import one_in
-from helpers.stage_tests import backend_of
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.datasheet_checks import noise_sources
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.chain import ORDER, chain
-from mitsuba_sensor.stages.effects.dark_current import mean_dark_e
 from mitsuba_sensor.stages.gains import gain_dn_per_e
-from mitsuba_sensor.theory.input_noise import input_noise
 
 EXPOSURE = ms.Exposure(0.1)
 SOURCES = noise_sources()
@@ -87,27 +84,6 @@ def test_what_is_missing_without_a_source_is_what_this_source_adds_alone(name: s
     np.testing.assert_allclose(missing, alone, rtol=0, atol=1e-15)
 
 
-def test_electrons_lose_what_each_source_adds_or_multiplies() -> None:
-    """Closed forms: without shot noise the electrons are (light·PRNU + dark), by the maps of the whole camera."""
-    maps = ms.fpn_maps(EVERY, (24, 32), precision="float64")
-    still = EVERY.without("shot_noise", "rts_pixels", "overflow_dark_current", "radiation_hits")
-    light = 1e4 * EVERY.qe([550.0]).item()
-    dark = mean_dark_e(EVERY, EXPOSURE) * maps["dark_fpn"]
-    for off, expected in {
-        (): light * maps["prnu"] + dark,
-        ("prnu",): light + dark,
-        ("dark_current",): light * maps["prnu"],
-        ("prnu", "dark_current"): np.full((24, 32), light),
-    }.items():
-        for frame in kept(still.without(*off), "electrons", 1e4):
-            np.testing.assert_allclose(
-                frame,
-                expected,
-                rtol=1e-12,
-                err_msg="a noise source in electrons is added above",
-            )
-
-
 @pytest.mark.parametrize("name", SOURCES)
 def test_the_maps_of_all_other_sources_are_the_same_bits(name: str) -> None:
     whole, rest = ms.fpn_maps(EVERY, (24, 32)), ms.fpn_maps(EVERY.without(name), (24, 32))
@@ -116,17 +92,6 @@ def test_the_maps_of_all_other_sources_are_the_same_bits(name: str) -> None:
     assert whole.keys() - rest.keys() == own.fpn_maps(SensorWindow(1, (2, 2))).keys()
     for key, values in rest.items():
         np.testing.assert_array_equal(values, whole[key])
-
-
-@pytest.mark.parametrize("off", [("shot_noise",), ("prnu", "source_follower_noise"), SOURCES])
-def test_the_compiled_engine_has_the_same_bytes(off: tuple[str, ...]) -> None:
-    backend_of("drjit")
-    camera, light = EVERY.without(*off), np.geomspace(1.0, 5e4, 24 * 32).reshape(24, 32)
-    numpy, drjit = (
-        ms.expose(light, camera, EXPOSURE, frames=2, engine=engine)
-        for engine in ("numpy", "drjit")
-    )
-    np.testing.assert_array_equal(numpy.digital, drjit.digital)
 
 
 @pytest.mark.exhaustive
@@ -168,32 +133,6 @@ def test_without_any_noise_the_code_is_the_rounded_mean_and_so_is_the_theory() -
         last["mean_expected"] == pytest.approx(expected.mean(), abs=1e-9)
         and last["sigma_expected"] < 1e-6
     )
-
-
-def test_the_weight_of_render_noise_has_no_steps_without_noise() -> None:
-    """K²/(1/12) wherever nothing clips; of the steps nine places within a code leave 1/9 at each end."""
-    found = input_noise(TABLE1.without(*SOURCES), EXPOSURE)
-    below = found.electrons_e < 30_000
-    weights = found.weight_per_e2[below] / (12 * gain_dn_per_e(TABLE1) ** 2)
-    assert (np.abs(weights - 1) < 0.5).all() and abs(weights.mean() - 1) < 0.05
-
-
-def test_metering_knows_of_no_dark_current_that_is_off() -> None:
-    warm = ms.Exposure(1.0, 340.0)
-    light = ms.Photons(np.full((4, 4), 1000.0))
-    times = [
-        ms.Metering().time_s(light, one, warm) for one in (EVERY, EVERY.without("dark_current"))
-    ]
-    assert times[0] < 0.9 * times[1]
-    assert times[1] == ms.Metering().time_s(
-        light, EVERY.replace(**{"dark_current.fom_na_per_cm2": 0.0}), warm
-    )
-
-
-def test_a_plan_of_the_whole_camera_is_not_one_of_the_reduced_camera() -> None:
-    plan = ms.plan(EVERY, EXPOSURE, np.full((4, 4), 100.0))
-    with pytest.raises(ms.InputError, match="another camera"):
-        ms.expose(np.full((4, 4), 100.0), EVERY.without("prnu"), EXPOSURE, plan=plan)
 
 
 def test_a_given_map_of_a_source_that_is_off_is_known_and_unused() -> None:
@@ -241,17 +180,6 @@ def test_what_is_no_noise_source_is_refused(case: str) -> None:
     if isinstance(name, str):
         with pytest.raises(ms.InputError, match=said):
             TABLE1.replace(**{"sensor.without": [name]})
-
-
-def test_derivatives_without_noise_are_the_overall_system_gain_on_average() -> None:
-    """Over 4096 levels between two codes far apart: Σ dDN/dphoton·Δ is their distance, ±1 DN."""
-    backend_of("drjit")
-    camera, light = TABLE1.without(*SOURCES), np.linspace(1e4, 1.1e4, 4096).reshape(64, 64)
-    frames = ms.differentiable(light, camera, EXPOSURE, ["photons"])
-    slope = frames.frame().forward("photons").mean()
-    assert slope * 1e3 == pytest.approx(
-        gain_dn_per_e(camera) * camera.qe([550.0]).item() * 1e3, abs=2.0
-    )
 
 
 def test_a_camera_file_and_the_command_line_say_the_same(

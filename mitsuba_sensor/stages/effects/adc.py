@@ -10,13 +10,21 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from ...core import Array, Doubt, Exposure, Frame, Moments, SensorWindow, arrays
+from ...core import Array, Doubt, Exposure, Frame, arrays
 from ...core.types import Float64Array
 from ..datasheet import FileTable, NotNegative, Positive
-from ..gains import adc_gain_dn_per_v, full_scale_v, full_well_swing_v
-from ..propagate import propagate
-from ..stage import Converter, Datasheet, Stage
+from ..gains import (
+    adc_gain_dn_per_v,
+    full_scale_v,
+    full_well_swing_v,
+    sense_gain_v_per_e,
+    volts_per_electron,
+)
+from ..stage import Converter, Datasheet
 from ..usual_range import MV_TO_V, Usual
+from .reset_noise import reset_noise_v
+from .rtn_pixels import rtn_noise_e
+from .source_follower_noise import read_noise_v
 
 HALVES_END = 2**23
 """From here on float32 has no halves: x + ½ is a tie there, and goes to the even neighbour."""
@@ -113,12 +121,12 @@ class Adc(Converter):
     label = "ADC"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Converter:
+    def from_camera(cls, camera: Datasheet) -> Converter:
         """With steps of unequal width where the datasheet has a DNL table."""
         plain = (
             camera.adc.bits,
             adc_gain_dn_per_v(camera),
-            default_black_level_dn(camera, before),
+            default_black_level_dn(camera),
         )
         if not camera.adc.dnl_lsb:
             return Adc(*plain)
@@ -131,11 +139,6 @@ class Adc(Converter):
         """Swing [V] → whole digital numbers (H, W), rounded half up."""
         ideal, highest = self.ideal(swing, frame), frame.number(self.highest)
         return arrays.minimum(arrays.maximum(self._rounded(ideal), 0.0), highest)
-
-    def moments(self, m: Moments) -> Moments:
-        """Gain and black level, rounding noise of 1/12 DN², and the clip at both ends."""
-        code = m.scale(self.gain_dn_per_v).add(mean=self.black_level_dn, temporal=1 / 12)
-        return code.clip(0.0, self.highest)
 
     @property
     def nominal_gain(self) -> float:
@@ -169,12 +172,6 @@ class AdcWithDnl(Adc):
         """Swing [V] → the code whose step contains it (H, W)."""
         return arrays.count_at_or_below(self._transitions, self.ideal(swing, frame))
 
-    def moments(self, m: Moments) -> Moments:
-        """As a converter of equal steps, moved by the local INL."""
-        code = super().moments(m)
-        inl = arrays.look_up(self._inl, arrays.as_index(np.floor(code.mean + 0.5)))
-        return code.add(mean=-inl)
-
     @property
     def inl_lsb(self) -> Float64Array:
         """The running sum of the DNL [LSB]."""
@@ -191,14 +188,31 @@ class AdcWithDnl(Adc):
         return tuple(k - 0.5 + inl for k, inl in enumerate(self._inl) if k)
 
 
-def default_black_level_dn(camera: Datasheet, before: tuple[Stage, ...]) -> float:
-    """As given, else 4σ of a zero exposure, rounded up, but never above 1/8 of the range [DN].
-
-    before : the stages in front of the converter.
+def default_black_level_dn(camera: Datasheet) -> float:
+    """As given, else 4σ of a zero exposure by the numbers of the datasheet, rounded up, but never above 1/8 of the
+    range [DN]. σ is that of all noise and offsets of the amplifiers.
     """
     if camera.adc.black_level_dn is not None:
         return float(camera.adc.black_level_dn)
-    dark = Moments(0.0, 0.0, 0.0, Frame(BLACK_LEVEL_AT, SensorWindow(0, (1, 1))))
-    m = propagate((stage for stage in before if stage.domain == "volts"), dark)
-    sigma = math.hypot(m.sigma * adc_gain_dn_per_v(camera), math.sqrt(1 / 12))
-    return float(min(math.ceil(4 * sigma), (2**camera.adc.bits - 1) // 8))
+    readout, pixel = camera.readout, camera.pixel
+    per_e, residual, well_e = (
+        sense_gain_v_per_e(camera),
+        readout.dsnu_residual,
+        pixel.full_well_e,
+    )
+    noise_e = math.hypot(
+        read_noise_v(camera) / per_e,
+        reset_noise_v(camera, BLACK_LEVEL_AT) / per_e,
+        rtn_noise_e(camera),
+        residual * math.hypot(pixel.dsnu_e, readout.dsnu_col * well_e),
+        readout.dsnu_row * well_e,
+    )
+    noise_e = math.hypot(
+        noise_e * math.hypot(1.0, readout.prnu_col),
+        readout.row_noise_e,
+        readout.column_noise_e,
+        readout.frame_noise_e,
+    )
+    gain = volts_per_electron(camera) * adc_gain_dn_per_v(camera)
+    sigma_dn = math.hypot(noise_e * gain, math.sqrt(1 / 12))
+    return float(min(math.ceil(4 * sigma_dn), (2**camera.adc.bits - 1) // 8))

@@ -61,7 +61,7 @@ class Blooming(Stage):
     no_noise = "set pixel.blooming to 0"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Blooming | None:
+    def from_camera(cls, camera: Datasheet) -> Blooming | None:
         """None for a camera that drains all of it."""
         if not camera.pixel.blooming:
             return None

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ...core import Array, Electrons, Exposure, Frame, Moments, SensorWindow, arrays
+from ...core import Array, Electrons, Exposure, Frame, SensorWindow, arrays
 from ..dark_components import (
     DarkComponent,
     DarkComponentSection,
     component_maps,
-    mixture_moments,
     reference_temperature_k,
     superimpose,
 )
@@ -151,7 +149,7 @@ class DarkCurrentFields(FileTable):
         dark = camera.dark_current
         if dark.distribution != "lognormal" or not dark.cv:
             return ()
-        drawn = math.sqrt(LogNormal(dark.cv).variance)
+        drawn = LogNormal(dark.cv).drawn_cv
         if drawn >= (1 - NOTED) * dark.cv:
             return ()
         return (
@@ -178,7 +176,7 @@ class DarkCurrent(Stage):
     terms = "dark current μ_I (E), D_R (J), dark electrons"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> DarkCurrent:
+    def from_camera(cls, camera: Datasheet) -> DarkCurrent:
         """Temperature model, distribution and superimposed components of the datasheet."""
         dark = camera.dark_current
         if dark.distribution == "ar":
@@ -203,17 +201,6 @@ class DarkCurrent(Stage):
         if self.components:
             dark = superimpose(self.components, dark, frame)
         return replace(electrons, dark=electrons.dark + dark)
-
-    def moments(self, m: Moments) -> Moments:
-        """The mixture of t·D_R·X with the components: its mean, and its variance from pixel to pixel."""
-        mean = self.mean_e(m.frame)
-        factor, variance = m.frame.window.map_moments(
-            "dark_fpn", self.distribution.mean, self.distribution.variance
-        )
-        average, spread = mixture_moments(
-            self.components, mean * factor, mean**2 * variance, m.frame
-        )
-        return replace(m.add(mean=average, spatial=spread), light=m)
 
     def mean_e(self, frame: Frame) -> float:
         """Mean dark electrons of a pixel of the main component in this exposure."""

@@ -8,11 +8,11 @@ from typing import Annotated, ClassVar, Self
 
 from pydantic import Field
 
-from ...core import Array, Frame, Moments, SensorWindow
+from ...core import Array, Frame, SensorWindow
 from ...core.backend import normals
 from ..datasheet import Chance, FileTable, LineCoupling, MapCoupling, NotNegative
 from ..gains import sense_gain_v_per_e
-from ..stage import Datasheet, ElectronMaps, Stage
+from ..stage import Datasheet, ElectronMaps
 from ..usual_range import PERCENT, Usual
 
 
@@ -84,7 +84,7 @@ class FixedOffset(ElectronMaps):
     axis: ClassVar[int | None] = None
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Self | None:
+    def from_camera(cls, camera: Datasheet) -> Self | None:
         """σ of lines is a fraction of the full well; a CDS leaves offsets of rows as they are. None for a CCD."""
         if camera.sensor.technology == "ccd":
             return None
@@ -101,12 +101,6 @@ class FixedOffset(ElectronMaps):
             return swing
         offsets = self.fpn_maps(frame.window)[self._name]
         return swing + frame.number(self.residual * self.gain_v_per_e) * offsets
-
-    def moments(self, m: Moments) -> Moments:
-        """Adds σ² to the spatial variance."""
-        mean, variance = m.frame.window.map_moments(self._name, 0.0, self.sigma_e**2)
-        gain = self.residual * self.gain_v_per_e
-        return m.add(mean=gain * mean, spatial=gain**2 * variance)
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """The offsets in electrons, 0 on average: (1, W), (H, 1) or (H, W)."""

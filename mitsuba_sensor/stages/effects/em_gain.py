@@ -6,12 +6,12 @@ Basden, Haniff & Mackay, MNRAS 345, 985 (2003), the law of what leaves it, a gam
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from ...core import Array, Electrons, Frame, Moments, arrays
+from ...core import Array, Electrons, Frame, arrays
 from ..datasheet import Count, FileTable, NotNegative
 from ..gains import em_excess_noise
 from ..stage import Datasheet, Stage
@@ -67,8 +67,7 @@ class EmGain(Stage):
     F² = 2(G − 1)·G^(−(m + 1)/m) + 1/G of m elements is the excess noise factor squared, the temporal variance over that
     of shot noise alone: 1 without gain, nearly 2 at high gain (Robbins & Hadwen 2003). The amplifier comes behind the
     register, so that read noise is divided by G in photoelectrons. The law is a gamma law with that mean and variance
-    (Basden et al. 2003); theory has that law where a full register or the converter cuts it. There are no spurious
-    charges of the clocks.
+    (Basden et al. 2003). There are no spurious charges of the clocks.
 
     gain : G.  elements : m.  full_well_e : what the register holds at most [e-], or None.
     """
@@ -84,7 +83,7 @@ class EmGain(Stage):
     label = "EM gain"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> EmGain | None:
+    def from_camera(cls, camera: Datasheet) -> EmGain | None:
         """None for a camera without electron multiplication."""
         readout = camera.readout
         if readout.em_gain in (None, 1):
@@ -95,11 +94,6 @@ class EmGain(Stage):
     def nominal_gain(self) -> float:
         """G."""
         return self.gain
-
-    @property
-    def curved(self) -> bool:  # type: ignore[override]
-        """Where the register can be full."""
-        return self.full_well_e is not None
 
     @property
     def excess_noise(self) -> float:
@@ -125,11 +119,6 @@ class EmGain(Stage):
             return light * factor, dark * factor
 
         return electrons.changed(multiplied, parts)
-
-    def moments(self, m: Moments) -> Moments:
-        """Mean G·n; temporal variance G²·(v + (F² − 1)·n), of a register that is not full."""
-        added = (self.excess_noise - 1) * m.mean
-        return replace(m, temporal=m.temporal + added, light=None).scale(self.gain)
 
     def _multiplied(self, count: Array, frame: Frame) -> Array:
         """What leaves the register for so many electrons; of less than one, mean and variance alone are right."""

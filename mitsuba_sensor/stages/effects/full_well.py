@@ -7,14 +7,14 @@ al. 2013 and Miyauchi et al. 2023 of pinned photodiodes: a saturation that grows
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from ...core import Array, Electrons, Frame, Moments, arrays
+from ...core import Array, Electrons, Frame, arrays
 from ...core.types import Float64Array
 from ..datasheet import FileTable, NotNegative
 from ..stage import Datasheet, Stage
@@ -60,7 +60,7 @@ class FullWell(Stage):
     no_noise = "set pixel.full_well_e to a larger value"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Stage:
+    def from_camera(cls, camera: Datasheet) -> Stage:
         """The saturation capacity of the datasheet, with a knee where it has one."""
         pixel = camera.pixel
         if pixel.full_well_knee_e:
@@ -85,10 +85,6 @@ class FullWell(Stage):
 
         return electrons.changed(partial(beside, 0.0), parts)
 
-    def moments(self, m: Moments) -> Moments:
-        """A clipped normal: shot noise near a full well is one."""
-        return m.clip(-float("inf"), self.full_well_e)
-
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Pixels that are full."""
         return {"clipped_full_well": signal >= frame.number(self.full_well_e)}
@@ -110,7 +106,6 @@ class SoftFullWell(Stage):
     knee_e: float
     domain = "electrons"
     no_noise = "set pixel.full_well_knee_e to 0"
-    curved: ClassVar[bool] = True
 
     @classmethod
     def key(cls) -> str:
@@ -138,16 +133,6 @@ class SoftFullWell(Stage):
             return light * share, dark * share
 
         return electrons.changed(left, parts)
-
-    def moments(self, m: Moments) -> Moments:
-        """Of second order in the noise: of knees that are wide against it."""
-        mean = np.asarray(m.mean, np.float64)
-        kept, passes = _response(mean, self.full_well_e, self.knee_e)
-        own = self.knee_e * (1 - passes) * (1 + 2 * passes)
-        behind = replace(m, light=None).through(
-            kept, passes, -passes * (1 - passes) / self.knee_e
-        )
-        return behind.add(temporal=own)
 
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
         """Pixels in which more than half of the light overflows."""

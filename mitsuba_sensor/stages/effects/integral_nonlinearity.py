@@ -7,7 +7,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from ...core import Array, Frame, Moments, arrays
+from ...core import Array, Frame, arrays
 from ...core.special import largest, root
 from ..datasheet import FileTable
 from ..gains import full_scale_v
@@ -54,9 +54,7 @@ class IntegralNonlinearity(Stage):
     no_noise = "unset adc.gamma and adc.ile"
 
     @classmethod
-    def from_camera(
-        cls, camera: Datasheet, before: tuple[Stage, ...]
-    ) -> IntegralNonlinearity | None:
+    def from_camera(cls, camera: Datasheet) -> IntegralNonlinearity | None:
         """None for a straight converter."""
         adc = camera.adc
         if adc.ile is not None:
@@ -72,11 +70,6 @@ class IntegralNonlinearity(Stage):
         if self.gamma == 1:
             return swing
         return swing * arrays.exp(frame.number(-self._rate) * swing)
-
-    def moments(self, m: Moments) -> Moments:
-        """Second order in the noise."""
-        k, fall = self._rate, arrays.exp(-self._rate * m.mean)
-        return m.through(m.mean * fall, (1 - k * m.mean) * fall, (k * m.mean - 2) * k * fall)
 
     @property
     def _rate(self) -> float:

@@ -7,12 +7,12 @@ Kannawadi et al., PASP 128, 095001 (2016), give its effect on the images of poin
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from ...core import Array, Electrons, Frame, Moments
+from ...core import Array, Electrons, Frame
 from ..datasheet import FileTable
 from ..stage import Datasheet, Stage
 
@@ -72,9 +72,7 @@ class InterPixelCapacitance(Stage):
     reach_px: ClassVar[int] = 1
 
     @classmethod
-    def from_camera(
-        cls, camera: Datasheet, before: tuple[Stage, ...]
-    ) -> InterPixelCapacitance | None:
+    def from_camera(cls, camera: Datasheet) -> InterPixelCapacitance | None:
         """None for a camera whose pixels are not coupled."""
         side, corner = camera.readout.ipc_coupling, camera.readout.ipc_corner_coupling
         if side or corner:
@@ -98,11 +96,6 @@ class InterPixelCapacitance(Stage):
             return self._coupled(charge, frame)
 
         return electrons.changed(coupled, lambda light, dark: (coupled(light), coupled(dark)))
-
-    def moments(self, m: Moments) -> Moments:
-        """In a flat field whose pixels are independent: the mean stays, both variances are Σk² of what they were."""
-        share = self.sum_of_squares
-        return replace(m, temporal=m.temporal * share, spatial=m.spatial * share)
 
     def _coupled(self, charge: Array, frame: Frame) -> Array:
         """Σ k·charge over the pixel and its eight neighbours."""

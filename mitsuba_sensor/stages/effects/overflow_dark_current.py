@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from ...core import Electrons, Frame, Moments
+from ...core import Electrons, Frame
 from ..dark_components import reference_temperature_k
 from ..dark_current_models import DarkCurrentModel, Doubling, Measured
 from ..datasheet import FileTable, NotNegative
@@ -41,9 +41,7 @@ class OverflowDarkCurrent(Stage):
     terms = "dark current of the overflow capacitor"
 
     @classmethod
-    def from_camera(
-        cls, camera: Datasheet, before: tuple[Stage, ...]
-    ) -> OverflowDarkCurrent | None:
+    def from_camera(cls, camera: Datasheet) -> OverflowDarkCurrent | None:
         """None where the capacitor has no dark current; it follows the temperature as that of the photodiode does."""
         dark, at_k = camera.dark_current, reference_temperature_k(camera)
         if not dark.overflow_rate_e_per_s:
@@ -58,11 +56,6 @@ class OverflowDarkCurrent(Stage):
         return electrons.changed(
             lambda total: total + count, lambda light, dark: (light, dark + count)
         )
-
-    def moments(self, m: Moments) -> Moments:
-        """Mean and temporal variance of the capacitor's electrons are added."""
-        mean_e = self.mean_e(m.frame)
-        return m.add(mean=mean_e, temporal=mean_e)
 
     def mean_e(self, frame: Frame) -> float:
         """Mean electrons of the capacitor in this exposure."""

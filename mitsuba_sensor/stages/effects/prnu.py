@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays
+from ...core import Array, Electrons, Frame, SensorWindow, arrays
 from ..datasheet import FileTable, LineCoupling, MapCoupling, NotNegative
 from ..fpn_distributions import (
     AutoregressiveRectified,
@@ -77,7 +77,7 @@ class Prnu(Stage):
     label = "PRNU"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Prnu:
+    def from_camera(cls, camera: Datasheet) -> Prnu:
         """The distribution of the gains that the datasheet names."""
         pixel = camera.pixel
         if pixel.prnu_distribution == "ar":
@@ -97,22 +97,6 @@ class Prnu(Stage):
             noise = arrays.product(noise, gain * gain)
         return replace(
             electrons, light=arrays.product(electrons.light, gain), variance_e2=noise
-        )
-
-    def moments(self, m: Moments) -> Moments:
-        """Spatial variance (PRNU·mean)²; no dark current is in the mean here."""
-        mean, variance = m.frame.window.map_moments(
-            "prnu", self.distribution.mean, self.distribution.variance
-        )
-        if m.variance_e2 is None:
-            noise = None
-        else:
-            noise = m.variance_e2 * (mean**2 + variance)
-        return replace(
-            m,
-            mean=m.mean * mean,
-            spatial=m.spatial + arrays.product(m.mean**2, variance),
-            variance_e2=noise,
         )
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
@@ -142,7 +126,7 @@ class PrnuColumn(Stage):
     label = "PRNU column"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> PrnuColumn | None:
+    def from_camera(cls, camera: Datasheet) -> PrnuColumn | None:
         """None for a CCD, which has one amplifier."""
         if camera.sensor.technology == "ccd":
             return None
@@ -153,15 +137,6 @@ class PrnuColumn(Stage):
         if self.cv == 0 and "prnu_col" not in frame.window.given:
             return swing
         return swing * self.fpn_maps(frame.window)["prnu_col"]
-
-    def moments(self, m: Moments) -> Moments:
-        """Product of independent factors: the gain's spread acts on the signal's own as well."""
-        mean, variance = m.frame.window.map_moments("prnu_col", 1.0, self.cv**2)
-        if variance == 0:
-            return m.scale(mean)
-        squared = mean**2 + variance
-        spatial = m.spatial * squared + arrays.product(m.mean**2, variance)
-        return replace(m, mean=m.mean * mean, temporal=m.temporal * squared, spatial=spatial)
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``prnu_col``: gain of every column, 1 on average, (1, W)."""

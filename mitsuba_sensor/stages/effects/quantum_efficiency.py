@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
@@ -19,7 +19,6 @@ from ...core import (
     Electrons,
     Frame,
     InputError,
-    Moments,
     Photons,
     SensorWindow,
     arrays,
@@ -28,12 +27,11 @@ from ...core.signals import Filters
 from ...core.types import NumpyArray
 from ..crosstalk import Crosstalk, CrosstalkFields
 from ..datasheet import Chance, FileTable, Nanometres, Positive
-from ..diffusion import Diffusion
+from ..diffusion import Diffusion, SpectralCurve
 from ..image_lag import BEFORE, ImageLag, ImageLagFields
 from ..polarizers import efficiencies
 from ..qe_file import read_curves
-from ..spectral_curve import SpectralCurve
-from ..stage import Datasheet, Detector, OtherPhotodiode, Stage
+from ..stage import Datasheet, Detector, OtherPhotodiode
 from ..usual_range import PERCENT, Usual
 from .quantum_yield import bursts
 
@@ -196,10 +194,9 @@ class QuantumEfficiency(Detector):
     fields = QuantumEfficiencyFields
     terms = "quantum efficiency η (E), QE, QE_I (J)"
     no_noise = "set quantum_efficiency.value to 1 to detect every photon"
-    required: ClassVar[bool] = True
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> QuantumEfficiency:
+    def from_camera(cls, camera: Datasheet) -> QuantumEfficiency:
         """The camera's curves, and its quantum yield where that is not one."""
         section = camera.quantum_efficiency
         curves = tuple(
@@ -311,19 +308,6 @@ class QuantumEfficiency(Detector):
         weights = self._weights(photons)
         layers = range(len(weights)) if photons.detected else [0] * len(weights)
         return Filters(tuple(layers), tuple(float(line.max()) for line in weights), self.tile)
-
-    def moments(self, m: Moments) -> Moments:
-        """The mean itself; nothing is random yet."""
-        electrons = self.sample(m.mean, m.frame)
-        return Moments(
-            electrons.light,
-            0.0,
-            0.0,
-            m.frame,
-            yield_mean=electrons.yield_mean,
-            yield_variance=electrons.yield_variance,
-            variance_e2=electrons.variance_e2,
-        )
 
     def _collected(self, layers: Array, weights: Array, window: SensorWindow) -> Array:
         """Σ over the bands (H, W, B), each pixel with the weights of its filter, (F, B)."""

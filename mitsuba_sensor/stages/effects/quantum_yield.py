@@ -8,7 +8,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from ...core import Electrons, Frame, Moments, arrays
+from ...core import Electrons, Frame, arrays
 from ..datasheet import Chance, FileTable
 from ..stage import Datasheet, Stage
 
@@ -55,7 +55,7 @@ class QuantumYield(Stage):
     )
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> QuantumYield | None:
+    def from_camera(cls, camera: Datasheet) -> QuantumYield | None:
         """None where the datasheet has no yield but 1."""
         section = camera.quantum_efficiency
         if bursts(section.quantum_yield):
@@ -70,18 +70,6 @@ class QuantumYield(Stage):
         burst = arrays.floor(smooth + 0.5)
         light = arrays.where(mean == 1, n, arrays.maximum(burst, 0.0))
         return replace(electrons, light=light, yield_mean=1.0, yield_variance=0.0)
-
-    def moments(self, m: Moments) -> Moments:
-        """var = η²·v + λ·(F·η + var η) + 1/12 for λ interactions of variance v (= λ behind shot noise), η not 1."""
-        light, mean = m.light or m, m.yield_mean
-        noise = arrays.where(mean == 1, 0.0, self.fano * mean + m.yield_variance)
-        return m.add(
-            mean=light.mean * (mean - 1),
-            temporal=light.temporal * (mean**2 - 1)
-            + light.mean * noise
-            + arrays.where(mean == 1, 0.0, 1 / 12),
-            spatial=light.spatial * (mean**2 - 1),
-        )
 
 
 def bursts(quantum_yield: Sequence[float] | None) -> bool:

@@ -6,7 +6,6 @@ the closed form that is used here. Flux at sea level: about 1 muon per cm² and 
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 from typing import Annotated
@@ -14,9 +13,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from ...core import Array, Electrons, Frame, Moments, arrays
+from ...core import Electrons, Frame, arrays
 from ..datasheet import FileTable, NotNegative
-from ..stage import Datasheet, MixedNoise, Stage
+from ..stage import Datasheet, Stage
 
 WIDTH = 0.15
 """Scale of Moyal's distribution, as a share of the most probable charge. Its full width at half maximum is 3.59 times
@@ -25,12 +24,6 @@ as large: 0.54, as Bichsel, Rev. Mod. Phys. 60, 663 (1988), has it for some ten 
 CM2_PER_UM2 = 1e-8
 MEAN = float(np.euler_gamma) + math.log(2)
 """Of Moyal's distribution of location 0 and scale 1."""
-
-MANY_HITS = 3.0
-"""Mean hits of a pixel from which on they are no rare events."""
-
-NEVER = 1e-9
-"""Chance of so many hits that they are left out."""
 
 
 class RadiationHitsFields(FileTable):
@@ -52,7 +45,7 @@ class RadiationHitsFields(FileTable):
 
 
 @dataclass(frozen=True)
-class RadiationHits(MixedNoise):
+class RadiationHits(Stage):
     """Charge of Moyal's distribution in pixels that a charged particle crosses in this frame.
 
     Poisson(flux·area·t) particles cross a pixel, in each frame anew. One leaves hit_e·(1 − 0.15·ln Z²) electrons, Z a
@@ -73,7 +66,7 @@ class RadiationHits(MixedNoise):
     terms = "cosmic rays, radiation hits, Landau distribution (Moyal 1955)"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> RadiationHits | None:
+    def from_camera(cls, camera: Datasheet) -> RadiationHits | None:
         """None for a camera without hits."""
         pixel = camera.pixel
         if not pixel.hits_per_cm2_s:
@@ -85,11 +78,6 @@ class RadiationHits(MixedNoise):
     def mean_e(self) -> float:
         """Mean charge of a hit [e-]: that of Moyal's distribution, location + scale·(γ + ln 2)."""
         return self.hit_e * (1 + WIDTH * MEAN)
-
-    @property
-    def variance_e2(self) -> float:
-        """Variance of the charge of a hit [e-²]: ½(π·scale)², and 1/12 as whole electrons are counted."""
-        return 0.5 * (math.pi * WIDTH * self.hit_e) ** 2 + 1 / 12
 
     def mean_hits(self, frame: Frame) -> float:
         """Mean number of particles that cross a pixel in this exposure."""
@@ -107,24 +95,3 @@ class RadiationHits(MixedNoise):
         return electrons.changed(
             lambda total: total + added, lambda light, dark: (light, dark + added)
         )
-
-    def moments(self, m: Moments) -> Moments:
-        """Mean λ·μ and temporal variance λ·(σ² + μ²) of λ hits of mean μ and variance σ²."""
-        hits = self.mean_hits(m.frame)
-        return m.add(
-            mean=hits * self.mean_e, temporal=hits * (self.variance_e2 + self.mean_e**2)
-        )
-
-    def mixture(self, frame: Frame) -> tuple[tuple[Array, Array, Array], ...]:
-        """No hit, one, two and so on; many hits are normal noise, by the moments."""
-        mean_hits = self.mean_hits(frame)
-        if mean_hits == 0 or mean_hits > MANY_HITS:
-            return ()
-        states, chance, rest = list[tuple[float, float, float]](), math.exp(-mean_hits), 1.0
-        for hits in itertools.count():
-            states.append((chance, hits * self.mean_e, hits * self.variance_e2))
-            rest -= chance
-            chance *= mean_hits / (hits + 1)
-            if rest < NEVER:
-                return tuple(states)
-        raise AssertionError("the chances of all numbers of hits are 1 together")

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from ...core import Array, Frame, Moments, arrays
+from ...core import Array, Exposure, Frame, arrays
 from ...core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
 from ..datasheet import FileTable
 from ..gains import sense_gain_v_per_e
@@ -54,7 +54,7 @@ class ResetNoise(Stage):
     terms = "reset noise, kTC noise"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> ResetNoise | None:
+    def from_camera(cls, camera: Datasheet) -> ResetNoise | None:
         """None for a CCD, whose true CDS takes all of it away."""
         if camera.sensor.technology == "ccd":
             return None
@@ -67,21 +67,20 @@ class ResetNoise(Stage):
 
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing with the noise."""
-        sigma = self.sigma_v(frame)
+        sigma = self.sigma_v(frame.exposure)
         if sigma:
             return swing + frame.number(sigma) * frame.normal("reset")
         return swing
 
-    def moments(self, m: Moments) -> Moments:
-        """Adds σ² to the temporal variance."""
-        return m.add(temporal=self.sigma_v(m.frame) ** 2)
-
-    def sigma_v(self, frame: Frame) -> float:
-        """Noise at this exposure's temperature [V rms]."""
+    def sigma_v(self, exposure: Exposure) -> float:
+        """Noise at the temperature of this exposure [V rms]."""
         squared = (
-            BOLTZMANN_J_PER_K
-            * frame.exposure.temperature_k
-            * self.gain_v_per_e
-            / ELEMENTARY_CHARGE_C
+            BOLTZMANN_J_PER_K * exposure.temperature_k * self.gain_v_per_e / ELEMENTARY_CHARGE_C
         )
         return self.residual * arrays.scalar_sqrt(squared)
+
+
+def reset_noise_v(camera: Datasheet, exposure: Exposure) -> float:
+    """The noise of a camera [V rms]."""
+    stage = ResetNoise.from_camera(camera)
+    return stage.sigma_v(exposure) if stage else 0.0

@@ -6,17 +6,18 @@ them, a step of one sign or the other is left, else nothing.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 from pydantic import Field
 
-from ...core import Array, Frame, Moments, SensorWindow, arrays
+from ...core import Array, Frame, SensorWindow, arrays
 from ...core.backend import Backend
 from ..datasheet import Chance, FileTable, NotNegative
 from ..gains import sense_gain_v_per_e
-from ..stage import Datasheet, MixedNoise, Stage
+from ..stage import Datasheet, Stage
 
 
 class RtnPixelsFields(FileTable):
@@ -43,7 +44,7 @@ class RtnPixelsFields(FileTable):
 
 
 @dataclass(frozen=True)
-class RtnPixels(MixedNoise):
+class RtnPixels(Stage):
     """Adds −A, 0 or +A in the pixels that have a trap.
 
     fraction : of the pixels that have a trap.  amplitude_e : A, as electrons at the sense node.
@@ -64,7 +65,7 @@ class RtnPixels(MixedNoise):
     label = "RTN pixels"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> RtnPixels | None:
+    def from_camera(cls, camera: Datasheet) -> RtnPixels | None:
         """None for a camera without such pixels."""
         follower = camera.source_follower
         if not follower.rtn_pixel_fraction:
@@ -91,20 +92,6 @@ class RtnPixels(MixedNoise):
         level = arrays.where(draw < 2 * chance, arrays.where(draw < chance, down, up), none)
         return swing + frame.number(step_v) * (self.fpn_maps(frame.window)["rtn_site"] * level)
 
-    def moments(self, m: Moments) -> Moments:
-        """Mean 0 and temporal variance 2·P(+A)·A² in the pixels that have a trap."""
-        share, _ = m.frame.window.map_moments("rtn_site", self.fraction, 0.0)
-        step_v = self.amplitude_e * self.gain_v_per_e
-        return m.add(temporal=share * 2 * self.chance_of_a_step * step_v**2)
-
-    def mixture(self, frame: Frame) -> tuple[tuple[Array, Array, Array], ...]:
-        """Three levels where a pixel has a trap."""
-        chance, step_v = self.chance_of_a_step, self.amplitude_e * self.gain_v_per_e
-        if self.fraction * chance * step_v == 0:
-            return ()
-        one = chance * self.fpn_maps(frame.window)["rtn_site"]
-        return (one, -step_v, 0.0), (1 - 2 * one, 0.0, 0.0), (one, step_v, 0.0)
-
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``rtn_site``: 1 where a pixel has a trap, else 0."""
         return {
@@ -117,3 +104,12 @@ class RtnPixels(MixedNoise):
         return arrays.where(
             backend.uniform(bits) < self.fraction, backend.number(1.0), backend.number(0.0)
         )
+
+
+def rtn_noise_e(camera: Datasheet) -> float:
+    """The noise of all pixels of a camera [e- rms]."""
+    follower, stage = camera.source_follower, RtnPixels.from_camera(camera)
+    if stage is None:
+        return 0.0
+    variance = 2 * follower.rtn_pixel_fraction * stage.chance_of_a_step
+    return float(follower.rtn_pixel_amplitude_e * math.sqrt(variance))

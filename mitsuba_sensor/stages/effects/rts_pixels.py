@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from ...core import Array, Electrons, Frame, Moments, SensorWindow, arrays, distributions
+from ...core import Array, Electrons, Frame, SensorWindow, arrays, distributions
 from ...core.backend import Backend
 from ..dark_components import Activation, Reference, reference_temperature_k
 from ..dark_current_models import FIGURE_OF_MERIT_AT_K, arrhenius
@@ -93,7 +93,7 @@ class RtsPixels(Stage):
     label = "RTS pixels"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> RtsPixels | None:
+    def from_camera(cls, camera: Datasheet) -> RtsPixels | None:
         """None for a camera without such pixels."""
         dark = camera.dark_current
         if not dark.rts_fraction:
@@ -115,19 +115,6 @@ class RtsPixels(Stage):
         if self.fraction == 0 or step == 0:
             return electrons
         return replace(electrons, dark=electrons.dark + frame.number(step) * self.states(frame))
-
-    def moments(self, m: Moments) -> Moments:
-        """A pixel has a trap with probability ``fraction``, and the trap is on with probability ``duty``."""
-        step = self.step_e(m.frame)
-        mean = step * self.duty
-        share, spread = m.frame.window.map_moments(
-            "rts_site", self.fraction, self.fraction * (1 - self.fraction)
-        )
-        return m.add(
-            mean=share * mean,
-            temporal=share * step * mean * (1 - self.duty),
-            spatial=spread * mean**2,
-        )
 
     def step_e(self, frame: Frame) -> float:
         """Electrons of a trap that is on all the time, at this exposure's temperature [e-]."""

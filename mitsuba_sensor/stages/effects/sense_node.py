@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
-from ...core import Array, Electrons, Frame, Moments, arrays
+from ...core import Array, Electrons, Frame, arrays
 from ..datasheet import Chance, FileTable, Positive
 from ..gains import sense_gain_v_per_e, ve_nonlinearity_at_full_well
 from ..stage import Datasheet, Stage
@@ -83,10 +83,9 @@ class SenseNode(Stage):
     fields = SenseNodeFields
     terms = "conversion gain A_SN (J), CVF, C_SN = q/A_SN"
     no_noise = "set readout.sense_gain_uv_per_e and readout.ve_nonlinearity"
-    required: ClassVar[bool] = True
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Stage:
+    def from_camera(cls, camera: Datasheet) -> Stage:
         """Linear, unless the datasheet has a V/e non-linearity that a full well shows."""
         gain, readout = sense_gain_v_per_e(camera), camera.readout
         if ve_nonlinearity_at_full_well(camera):
@@ -102,10 +101,6 @@ class SenseNode(Stage):
         """Electrons → swing (H, W) [V]."""
         return frame.number(self.gain_v_per_e) * electrons.total
 
-    def moments(self, m: Moments) -> Moments:
-        """Scaled by A_SN."""
-        return m.scale(self.gain_v_per_e)
-
 
 @dataclass(frozen=True)
 class NonlinearSenseNode(Stage):
@@ -118,7 +113,6 @@ class NonlinearSenseNode(Stage):
     v_ref_v: float
     alpha: float
     domain = "volts"
-    required: ClassVar[bool] = True
 
     @property
     def nominal_gain(self) -> float:
@@ -129,14 +123,6 @@ class NonlinearSenseNode(Stage):
         """Electrons → swing (H, W) [V], below V_REF/α."""
         return frame.number(-self.v_ref_v / self.alpha) * arrays.expm1(
             frame.number(-self._rate) * electrons.total
-        )
-
-    def moments(self, m: Moments) -> Moments:
-        """Second order in the noise; slope A_SN·e^(−αA_SN·N/V_REF)."""
-        fall = arrays.exp(-self._rate * m.mean)
-        value = -(self.v_ref_v / self.alpha) * arrays.expm1(-self._rate * m.mean)
-        return m.through(
-            value, self.gain_v_per_e * fall, -self.gain_v_per_e * self._rate * fall
         )
 
     @property

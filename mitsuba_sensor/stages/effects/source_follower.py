@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from ...core import Array, Frame, Moments
+from ...core import Array, Frame
 from ..datasheet import FileTable, Positive
 from ..gains import full_well_at_node_v
 from ..stage import Datasheet, LinearGain, Stage
@@ -37,7 +37,7 @@ class SourceFollower(LinearGain):
     no_noise = "set source_follower.gain and source_follower.vv_nonlinearity"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Stage:
+    def from_camera(cls, camera: Datasheet) -> Stage:
         """Linear, unless the datasheet has a V/V non-linearity."""
         follower = camera.source_follower
         if follower.vv_nonlinearity == 1:
@@ -68,13 +68,30 @@ class NonlinearSourceFollower(Stage):
         """Swing through the parabola."""
         return (frame.number(self.gain) * swing) * (1 + frame.number(self._bend) * swing)
 
-    def moments(self, m: Moments) -> Moments:
-        """A parabola: exact for a normal signal. At full well γ = 1.05 multiplies the variance by 1.21."""
-        value = self.gain * m.mean * (1 + self._bend * m.mean)
-        return m.through(
-            value, self.gain * (1 + 2 * self._bend * m.mean), 2 * self.gain * self._bend
-        )
-
     @property
     def _bend(self) -> float:
         return (self.ratio - 1) / self.full_swing_v
+
+
+class CdsGainFields(FileTable):
+    """Gain of the CDS amplifier."""
+
+    cds_gain: Positive = Field(
+        1.0, description="gain of the CDS amplifier A_CDS [V/V]", examples=[1.0]
+    )
+
+
+@dataclass(frozen=True)
+class CdsGain(LinearGain):
+    """S·A_CDS, 1 typical."""
+
+    table = "readout"
+    fields = CdsGainFields
+    terms = "gain of the CDS stage A_CDS (J)"
+    label = "CDS gain"
+    no_noise = "set readout.cds_gain to 1"
+
+    @classmethod
+    def from_camera(cls, camera: Datasheet) -> CdsGain:
+        """The gain of the datasheet."""
+        return cls(camera.readout.cds_gain)

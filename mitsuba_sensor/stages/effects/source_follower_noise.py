@@ -7,18 +7,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
-from ...core import Array, Frame, Moments, SensorWindow, arrays
+from ...core import Array, Frame, SensorWindow, arrays
 from ...core.backend import Backend
 from ...core.noise_distributions import NoiseDistribution, StudentT, TukeyLambda
-from ...core.types import Float64Array
-from ..cds_noise import cds_noise
+from ...core.special import EULER_GAMMA, integral, sinh_integrals, two_term_remainder
 from ..datasheet import Chance, FileTable, NotNegative, Positive
 from ..fpn_distributions import LogNormal
 from ..gains import sense_gain_v_per_e
-from ..stage import Datasheet, ElectronMaps, MixedNoise, Stage
+from ..stage import Datasheet, ElectronMaps
 from ..usual_range import NS_TO_SECONDS, US_TO_SECONDS, VOLTS_TO_NV, Usual
 
 NOTED = 0.01
@@ -27,8 +25,6 @@ NOTED = 0.01
 LARGEST_CV = 5.0
 """Spread of the read noise up to which the rms of the pixels that are drawn is right within 0.1 %."""
 
-NORMAL_ALONE: tuple[Float64Array, ...] = np.ones(1), np.zeros(1), np.ones(1)
-"""Chances, means and variances of the normals that make up a normal."""
 
 DISTRIBUTIONS: dict[str, tuple[type[NoiseDistribution], float, float]] = {
     "tukey_lambda": (TukeyLambda, -0.45, 0.2),
@@ -188,7 +184,7 @@ def check_shape(distribution: str, shape: float | None) -> None:
 
 
 @dataclass(frozen=True)
-class SourceFollowerNoise(MixedNoise, ElectronMaps):
+class SourceFollowerNoise(ElectronMaps):
     """Adds σ_V·z, signed and not rounded (paper eq. 19–24, in closed form), z normal unless the camera says otherwise.
 
     sigma_v : at the sense node, after CDS, root mean square over the pixels [V rms].
@@ -210,16 +206,12 @@ class SourceFollowerNoise(MixedNoise, ElectronMaps):
     terms = "read noise σ_R (J), σ_d (E)"
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> SourceFollowerNoise:
+    def from_camera(cls, camera: Datasheet) -> SourceFollowerNoise:
         """From the read noise, or from the densities; a CCD has one amplifier and no telegraph noise."""
         follower, per_e = camera.source_follower, sense_gain_v_per_e(camera)
-        if follower.read_noise_e is None:
-            sigma_v = cds_noise(camera).sigma_v / follower.gain
-        else:
-            sigma_v = follower.read_noise_e * per_e
         kind = DISTRIBUTIONS.get(follower.read_noise_distribution)
         return cls(
-            sigma_v,
+            read_noise_v(camera),
             follower.read_noise_cv,
             per_e,
             kind and kind[0](follower.read_noise_shape),
@@ -238,25 +230,6 @@ class SourceFollowerNoise(MixedNoise, ElectronMaps):
             self.fpn_maps(frame.window)[READ_NOISE] * z
         )
 
-    def moments(self, m: Moments) -> Moments:
-        """Adds the mean of σ² over the pixels to the temporal variance."""
-        if READ_NOISE not in m.frame.window.given:
-            return m.add(temporal=self.sigma_v**2)
-        mean, variance = m.frame.window.map_moments(READ_NOISE, 0.0, 0.0)
-        return m.add(temporal=self.gain_v_per_e**2 * (mean**2 + variance))
-
-    def mixture(self, frame: Frame) -> tuple[tuple[Array, Array, Array], ...]:
-        """Normals of every pixel's σ; several where the noise is not normal."""
-        if not self._differs and (self.distribution is None or self.sigma_v == 0):
-            return ()
-        sigma: Array = self.sigma_v
-        if self._differs:
-            sigma = self.gain_v_per_e * np.asarray(
-                self.fpn_maps(frame.window)[READ_NOISE], np.float64
-            )
-        normals = zip(*self._normals, strict=True)
-        return tuple((chance, sigma * mean, sigma**2 * own) for chance, mean, own in normals)
-
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``read_noise``: σ of every pixel [e- rms], where the pixels have noise of their own."""
         if self._differs:
@@ -268,13 +241,6 @@ class SourceFollowerNoise(MixedNoise, ElectronMaps):
         if self._differs:
             return {READ_NOISE: self.gain_v_per_e}
         return {}
-
-    @property
-    def _normals(self) -> tuple[Float64Array, ...]:
-        """Chances, means and variances of the normals that make up z."""
-        if self.distribution is None:
-            return NORMAL_ALONE
-        return self.distribution.mixture
 
     @property
     def _differs(self) -> bool:
@@ -295,3 +261,114 @@ class SourceFollowerNoise(MixedNoise, ElectronMaps):
         """Noise of the pixels over that of those that are not noisy."""
         noisy, quiet = backend.number(self.noisy_factor), backend.number(1.0)
         return arrays.where(backend.uniform(bits) < self.noisy_fraction, noisy, quiet)
+
+
+def read_noise_v(camera: Datasheet) -> float:
+    """Read noise at the sense node, as given or from its densities [V rms]."""
+    follower = camera.source_follower
+    if follower.read_noise_e is None:
+        return cds_noise(camera).sigma_v / follower.gain
+    return float(follower.read_noise_e * sense_gain_v_per_e(camera))
+
+
+def cds_noise(camera: Datasheet) -> CdsNoise:
+    """The noise of a camera that gives densities."""
+    follower = camera.source_follower
+    return CdsNoise(
+        white_nv_per_rthz=follower.white_nv_per_rthz or 0.0,
+        corner_hz=follower.corner_hz,
+        sample_s=follower.cds_sample_s,
+        dominant_s=follower.cds_dominant_s,
+        rtn_uv=0.0 if camera.sensor.technology == "ccd" else follower.rtn_uv,
+        rtn_s=follower.rtn_s,
+        band_hz=follower.band_hz,
+    )
+
+
+@dataclass(frozen=True)
+class CdsNoise:
+    """White, flicker and random telegraph noise of a source follower, seen through a CDS of sample time t_s.
+
+    white_nv_per_rthz : white noise density W [nV/√Hz].  corner_hz : flicker corner f_c [Hz].
+    sample_s : time between the two samples t_s [s].  dominant_s : time constant τ_D of the CDS, usually t_s/2 [s].
+    rtn_uv, rtn_s : step ΔV [µV] and time constant τ_RTN [s] of the telegraph noise.
+    band_hz : from and to which frequency noise counts [Hz]; all of them, in closed form, when None.
+    """
+
+    white_nv_per_rthz: float
+    corner_hz: float
+    sample_s: float
+    dominant_s: float
+    rtn_uv: float = 0.0
+    rtn_s: float = 1e-6
+    band_hz: tuple[float, float] | None = None
+
+    @property
+    def sigma_v(self) -> float:
+        """Noise at the sense node before the source follower's gain [V rms]: √(∫ S·H df)/(1 − e^(−t_s/τ_D))."""
+        if self.band_hz is not None:
+            total = integral(self._seen_v2_per_hz, self._edges_hz())
+        else:
+            total = self.white_v2 + self.flicker_v2 + self.rtn_v2
+        return math.sqrt(total) / -math.expm1(-self.sample_s / self.dominant_s)
+
+    @property
+    def white_v2(self) -> float:
+        """W²(1 − e^(−a))/(2τ_D), a = t_s/τ_D [V²]."""
+        density = self.white_nv_per_rthz * 1e-9
+        return (
+            density**2 * -math.expm1(-self.sample_s / self.dominant_s) / (2 * self.dominant_s)
+        )
+
+    @property
+    def flicker_v2(self) -> float:
+        """2W²f_c·J(a) [V²]."""
+        density = self.white_nv_per_rthz * 1e-9
+        return (
+            2 * density**2 * self.corner_hz * flicker_integral(self.sample_s / self.dominant_s)
+        )
+
+    @property
+    def rtn_v2(self) -> float:
+        """(ΔV²·r/2)·[g(r) − g(τ_D)]/(r² − τ_D²), r = τ_RTN/2, g(τ) = −τ·expm1(−t_s/τ) [V²]."""
+        r, tau = self.rtn_s / 2, self.dominant_s
+        if abs(r - tau) < 1e-4 * tau:
+            middle = 0.5 * (r + tau)
+            slope = two_term_remainder(self.sample_s / middle) / (2 * middle)
+        else:
+            slope = (self._decay(r) - self._decay(tau)) / ((r - tau) * (r + tau))
+        return (self.rtn_uv * 1e-6) ** 2 * r / 2 * slope
+
+    def _seen_v2_per_hz(self, f: float) -> float:
+        """S_SF(f)·H_CDS(f) [V²/Hz] (paper eq. 20–22)."""
+        density = (self.white_nv_per_rthz * 1e-9) ** 2
+        telegraph = (
+            2
+            * (self.rtn_uv * 1e-6) ** 2
+            * self.rtn_s
+            / (4 + (2 * math.pi * f * self.rtn_s) ** 2)
+        )
+        passed = (
+            4
+            * math.sin(math.pi * f * self.sample_s) ** 2
+            / (1 + (2 * math.pi * f * self.dominant_s) ** 2)
+        )
+        if f:
+            return (density * (1 + self.corner_hz / f) + telegraph) * passed
+        return 0.0
+
+    def _edges_hz(self) -> list[float]:
+        """The band cut at the zeros of the CDS, so that no piece holds more than one hump; at most 4000 of them."""
+        low, high = self.band_hz  # type: ignore[misc]
+        first, last = math.floor(low * self.sample_s) + 1, math.ceil(high * self.sample_s)
+        return [low, *(k / self.sample_s for k in range(first, min(last, first + 4000))), high]
+
+    def _decay(self, tau: float) -> float:
+        return -tau * math.expm1(-self.sample_s / tau)
+
+
+def flicker_integral(a: float) -> float:
+    """J(a) = γ_E + ln a − ½[e^(−a)Ei(a) − e^(a)E₁(a)]; J(2) = 1.115785799."""
+    if a < 1e-4:
+        return a * a / 2 * (1.5 - EULER_GAMMA - math.log(a))
+    return EULER_GAMMA + math.log(a) - sinh_integrals(a)

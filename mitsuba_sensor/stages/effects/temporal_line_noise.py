@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from pydantic import Field
 
-from ...core import Array, Frame, Moments
+from ...core import Array, Frame
 from ..datasheet import FileTable, NotNegative
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
@@ -46,6 +45,7 @@ class TemporalLineNoise(Stage):
     """Adds σ·gain·z, one z for each line, or one for all pixels, in each frame.
 
     sigma_e : σ as electrons at the sense node [e- rms].  gain_v_per_e : one electron at this stage [V/e-].
+    draw : method of a frame that draws one normal number for each line, or one for all.
     """
 
     sigma_e: float
@@ -53,9 +53,10 @@ class TemporalLineNoise(Stage):
     domain = "volts"
     table = "readout"
     fields: ClassVar[type[FileTable]]
+    draw: ClassVar[str]
 
     @classmethod
-    def from_camera(cls, camera: Datasheet, before: tuple[Stage, ...]) -> Self | None:
+    def from_camera(cls, camera: Datasheet) -> Self | None:
         """None where the datasheet has no such noise: the one field of the stage."""
         (field,) = cls.fields.model_fields
         sigma_e = getattr(camera.readout, field)
@@ -63,19 +64,13 @@ class TemporalLineNoise(Stage):
             return None
         return cls(sigma_e, sense_gain_v_per_e(camera) * camera.source_follower.gain)
 
-    @abstractmethod
-    def line(self, frame: Frame) -> Array:
-        """Standard normals of this frame, one per line or one for all."""
-
     def sample(self, swing: Array, frame: Frame) -> Array:
         """Swing with the offsets of this frame."""
         if self.sigma_e == 0:
             return swing
-        return swing + frame.number(self.sigma_e * self.gain_v_per_e) * self.line(frame)
-
-    def moments(self, m: Moments) -> Moments:
-        """Adds σ² to the temporal variance of every pixel; the pixels of a line share it."""
-        return m.add(temporal=(self.sigma_e * self.gain_v_per_e) ** 2)
+        return swing + frame.number(self.sigma_e * self.gain_v_per_e) * getattr(
+            frame, self.draw
+        )(self.key())
 
 
 @dataclass(frozen=True)
@@ -84,10 +79,7 @@ class TemporalRowNoise(TemporalLineNoise):
 
     fields = TemporalRowNoiseFields
     terms = "temporal row noise σ_row (E)"
-
-    def line(self, frame: Frame) -> Array:
-        """(H, 1)."""
-        return frame.row_normal("temporal_row_noise")
+    draw = "row_normal"
 
 
 @dataclass(frozen=True)
@@ -96,10 +88,7 @@ class TemporalColumnNoise(TemporalLineNoise):
 
     fields = TemporalColumnNoiseFields
     terms = "temporal column noise σ_col (E)"
-
-    def line(self, frame: Frame) -> Array:
-        """(1, W)."""
-        return frame.column_normal("temporal_column_noise")
+    draw = "column_normal"
 
 
 @dataclass(frozen=True)
@@ -112,7 +101,4 @@ class TemporalFrameNoise(TemporalLineNoise):
 
     fields = TemporalFrameNoiseFields
     terms = "jitter of the black level"
-
-    def line(self, frame: Frame) -> Array:
-        """(1, 1)."""
-        return frame.frame_normal("temporal_frame_noise")
+    draw = "frame_normal"

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.stage_tests import StageTests, backend_of
+from helpers.engines import backend_of
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.adc import Adc, AdcWithDnl
-from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
-DARKNESS = {"dark_current.fom_na_per_cm2": 0.0}
 HERE = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (1, 1)))
 PER_CODE = 1000
 WITHOUT_BLACK_LEVEL = [
@@ -45,13 +42,6 @@ def test_quantisation_error_on_a_ramp_is_0_288675_lsb_at_every_resolution(bits: 
     assert np.std(codes - x) == pytest.approx(0.288675, rel=1e-4)
     assert abs(np.mean(codes - x)) < 1e-9
     np.testing.assert_array_equal(np.bincount(codes.astype(int)), 100)
-
-
-@pytest.mark.parametrize("bits", range(1, 17))
-def test_steps_of_no_dnl_are_the_equal_steps_bit_for_bit(bits: int) -> None:
-    gain, x = 2.0**bits / 0.165, np.linspace(-0.01, 0.18, 20_001)
-    steps = AdcWithDnl(bits, gain, 3.0, (0.0,) * 2**bits)
-    np.testing.assert_array_equal(steps.sample(x, HERE), Adc(bits, gain, 3.0).sample(x, HERE))
 
 
 @pytest.mark.parametrize("bits", [2, 4, 8, 10])
@@ -106,20 +96,6 @@ def test_the_camera_refuses_a_step_narrower_than_nothing_and_a_code_without_two_
             TABLE1.replace(**{"adc.dnl_lsb": {code: 0.5}})
 
 
-def test_codes_keep_their_range_and_type_at_every_resolution() -> None:
-    """A ramp from darkness to twice the full well, 1 to 16 bits and 24: first and last code, and a type that fits."""
-    light = np.linspace(0, 110_000, 4000)[None]
-    for bits in (*range(1, 17), 24):
-        camera = TABLE1.replace(
-            **{"adc.bits": bits, "adc.black_level_dn": 0.0, "adc.full_scale_v": 0.1} | DARKNESS
-        )
-        digital = ms.expose(light, camera, ms.Exposure(0.1)).digital
-        assert digital.dtype == (
-            np.uint8 if bits <= 8 else np.uint16 if bits <= 16 else np.uint32
-        )
-        assert digital.min() == 0 and digital.max() == 2**bits - 1
-
-
 @pytest.mark.parametrize("engine", ["float64", "numpy", "drjit"])
 def test_24_bits_deliver_every_code_even_and_odd_in_every_precision(engine: str) -> None:
     """x + ½ is a tie from 2^23 on in float32, which would leave the even codes alone; whole numbers stay what they are.
@@ -134,100 +110,6 @@ def test_24_bits_deliver_every_code_even_and_odd_in_every_precision(engine: str)
     np.testing.assert_array_equal(
         backend.to_numpy(Adc(24, 1.0, 0.0).sample(swing, frame), frame.window), codes
     )
-
-
-def test_24_bits_are_rounded_half_up_in_float64() -> None:
-    x = np.array([[2.0**23 - 0.5, 2.0**23 + 0.25, 2.0**23 + 0.5, 2.0**24 - 1.75, 2.0**24 + 9]])
-    expected = [[2**23, 2**23, 2**23 + 1, 2**24 - 2, 2**24 - 1]]
-    np.testing.assert_array_equal(Adc(24, 1.0, 0.0).sample(x, HERE), expected)
-
-
-def test_a_camera_of_24_bits_takes_float64_unless_float32_is_asked_for_and_then_has_odd_codes_too() -> (
-    None
-):
-    """Half of the codes are odd, within 5 standard errors of 20 000 noisy pixels at 0.75 of the range."""
-    camera, light = (
-        TABLE1.replace(**{"adc.bits": 24}),
-        np.full((2, 10_000), 0.75 * 33_000 / 0.6),
-    )
-    assert (
-        ms.expose(light, camera, ms.Exposure(0.0)).first.window.backend.precision == "float64"
-    )
-    for bits, precision in ((23, "float32"), (24, "float64")):
-        given = ms.expose(light[:, :4], TABLE1.replace(**{"adc.bits": bits}), ms.Exposure(0.0))
-        assert given.first.window.backend.precision == precision
-    for precision in ("float32", "float64"):
-        digital = ms.expose(light, camera, ms.Exposure(0.0), precision=precision).digital
-        assert digital.min() > 2**23
-        assert np.mean(digital % 2) == pytest.approx(0.5, abs=5 * 0.5 / math.sqrt(digital.size))
-
-
-def test_steps_of_unequal_width_at_24_bits_are_refused_in_float32_and_made_in_float64() -> None:
-    """An edge at k − ½ has no float32 from 2^23 on."""
-    camera = TABLE1.replace(**{"adc.bits": 24, "adc.dnl_lsb": {"7": 0.5}})
-    light = np.full((4, 4), 1000.0)
-    with pytest.raises(
-        ms.InputError,
-        match=r"no halves between codes from 8388608 on, .*adc\.dnl_lsb and 24 bits; .*23",
-    ):
-        ms.expose(light, camera, ms.Exposure(0.01), precision="float32")
-    assert ms.expose(light, camera, ms.Exposure(0.01)).backend.precision == "float64"
-
-
-@pytest.mark.parametrize("level", [0.1, 0.5, 0.9])
-def test_unequal_steps_keep_the_moments_that_they_say(level: float) -> None:
-    """Noise of ten codes over small random steps: mean within 0.15 DN of the theory, variance within 5 %.
-
-    The theory moves the mean by the INL of one code, where noise averages the INL of forty; that is the difference.
-    """
-    dnl = tuple(float(x) for x in np.random.default_rng(2).normal(0, 0.02, 1024))
-    adc, mean, sigma = AdcWithDnl(10, 1.0, 0.0, dnl), 1024 * level, 10.0
-    x = mean + sigma * np.random.default_rng(3).standard_normal(200_000)
-    m = adc.moments(ms.Moments(mean, sigma**2, 0.0, HERE))
-    codes = adc.sample(x, HERE)
-    assert codes.mean() == pytest.approx(
-        float(m.mean), abs=0.15 + 5 * sigma / math.sqrt(x.size)
-    )
-    assert codes.var() == pytest.approx(float(m.temporal), rel=0.05)
-
-
-class TestAdc(StageTests):
-    stage = Adc
-    camera = TABLE1.replace(**{"adc.bits": 16})
-
-
-class TestAdcOf8Bits(TestAdc):
-    camera = TABLE1.replace(**{"adc.bits": 8})
-    level = 0.5
-
-
-class TestAdcWithoutABlackLevel(TestAdc):
-    camera = TABLE1.replace(**{"adc.black_level_dn": 0.0, "adc.bits": 14})
-    level = 0.0
-
-
-class TestAdcThatClipsBeforeTheWell(TestAdc):
-    camera = TABLE1.replace(**{"pixel.full_well_e": 50_000.0, "adc.full_scale_v": 0.165})
-    level = 0.657
-
-
-class TestAdcWithSteps(StageTests):
-    """A wide step, a missing code and a narrow one; the noise covers many codes, so the moments hold."""
-
-    stage = AdcWithDnl
-    camera = TABLE1.replace(**{"adc.dnl_lsb": {"100": 0.5, "511": -1.0, "900": 0.3}})
-
-
-def test_the_full_well_spans_the_whole_code_range_whatever_the_gains() -> None:
-    """K = A_SN·A_SF·A_CDS·2^bits/V_FS, and V_FS is the swing of a full well unless the datasheet says otherwise."""
-    camera = ms.load_camera("konnik_table1")
-    assert gain_dn_per_e(camera) == pytest.approx(0.1241212, rel=1e-6)
-    gains = camera.replace(
-        **{"source_follower.gain": 0.8, "readout.cds_gain": 4.0, "adc.bits": 14}
-    )
-    assert gain_dn_per_e(gains) == pytest.approx(2**14 / 33_000, rel=1e-12)
-    fixed = gains.replace(**{"adc.full_scale_v": 1.0})
-    assert gain_dn_per_e(fixed) == pytest.approx(5e-6 * 0.8 * 4 * 2**14, rel=1e-12)
 
 
 def test_the_converter_rounds_half_up_and_stops_at_both_ends() -> None:

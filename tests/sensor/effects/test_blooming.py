@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.stage_tests import backend_of
+from helpers.engines import backend_of
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
@@ -12,8 +12,6 @@ from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.effects.blooming import Blooming
 
 FULL_WELL_E = 1000.0
-BASE = ms.load_camera("eev_44_82").replace(**{"pixel.full_well_e": FULL_WELL_E})
-CCD = BASE.replace(**{"pixel.blooming": 1.0})
 COLD = ms.Exposure(0.01, 170.0)
 
 
@@ -59,40 +57,3 @@ def test_a_drain_takes_the_rest(share: float) -> None:
 def test_what_reaches_the_edge_is_lost_and_a_full_sensor_stays_full() -> None:
     count = np.full((20, 4), 5000.0)
     np.testing.assert_array_equal(bloomed(count), FULL_WELL_E)
-
-
-def test_strips_and_engines_have_the_same_bytes() -> None:
-    """A frame of many strips is that of one kernel; the charge crosses their borders."""
-    photons = np.full((600, 300), 300.0)
-    photons[250:260, 100:104] = 1e5
-    one, other = (
-        ms.expose(photons, CCD, COLD, engine=engine, precision="float32").digital
-        for engine in ("numpy", "drjit")
-    )
-    np.testing.assert_array_equal(one, other)
-    trail = (one[0, :, 101] > 0.9 * one.max()).sum()
-    assert trail > 400
-
-
-def test_light_that_fills_no_well_changes_no_byte() -> None:
-    photons = np.full((64, 64), 300.0)
-    one, other = (ms.expose(photons, camera, COLD).digital for camera in (CCD, BASE))
-    np.testing.assert_array_equal(one, other)
-
-
-def test_theory_is_measured_and_has_the_mean_of_frames() -> None:
-    """A bright bar of 8 rows: the mean of 20 frames within 0.3 %."""
-    photons = np.full((128, 96), 200.0)
-    photons[60:68] = 4000.0
-    frames = ms.expose(photons, CCD, COLD, frames=20)
-    expected = frames.theory.averages(frames.stages[-1]).mean
-    assert frames.digital.mean() == pytest.approx(expected, rel=3e-3)
-    drained = ms.expose(photons, BASE, COLD, frames=20)
-    assert frames.digital.mean() > 1.2 * drained.digital.mean()
-
-
-def test_a_full_sensor_has_a_report() -> None:
-    """Measured variances that are nothing but rounding are no negative number."""
-    frames = ms.expose(np.full((24, 24), 3e5), CCD, ms.Exposure(1.0, 170.0))
-    assert frames.report
-    assert all(frames.theory.averages(stage).temporal >= 0 for stage in frames.stages)

@@ -7,13 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.ndimage
-from helpers.stage_tests import ENGINES, StageTests, backend_of
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.colour_matrix import colour_matrix, standard_light
-from mitsuba_sensor.core.backend import Backend
-from mitsuba_sensor.stages.effects.quantum_efficiency import QuantumEfficiency
 
 BASE = ms.load_camera("konnik_table1")
 BAYER = ms.load_camera("bayer_2mp")
@@ -22,7 +19,6 @@ LOPSIDED = np.array([[0.005, 0.02, 0.01], [0.03, 0.85, 0.015], [0.0, 0.025, 0.00
 FAR = np.pad(0.8 * LOPSIDED, 1) + np.diag([0.01, 0.0, 0.05, 0.0, 0.02])
 MIXING = "quantum_efficiency.crosstalk"
 MIXED = BASE.replace(**{MIXING: LOPSIDED.tolist()})
-FAR_MIXED = BASE.replace(**{MIXING: FAR.tolist()})
 
 
 SPLIT = ms.load_camera("omnivision_split_pixel")
@@ -45,27 +41,6 @@ def mean_e(
     return frames.theory.light.mean_e
 
 
-def options_of(engine: str) -> dict[str, Any]:
-    backend_of(engine)
-    return {"precision": "float64"} if engine == "float64" else {"engine": engine}
-
-
-class TestCrosstalk(StageTests):
-    stage = QuantumEfficiency
-    camera = FAR_MIXED
-    without = BASE
-
-    @pytest.mark.parametrize("engine", ENGINES)
-    def test_a_crop_of_a_frame_is_the_frame_of_the_crop(self, engine: str) -> None:
-        """But for the two pixels at its edges that get light from beyond; at the edge of the sensor for them, too."""
-        light = np.random.default_rng(1).uniform(0.0, 2e4, (40, 50))
-        whole = ms.expose(light, FAR_MIXED, SHORT, **options_of(engine)).digital[0]
-        part = ms.expose(
-            light[9:, :31], FAR_MIXED, SHORT, origin=(9, 0), **options_of(engine)
-        ).digital[0]
-        np.testing.assert_array_equal(part[2:, :-2], whole[11:, :29])
-
-
 @pytest.mark.parametrize("kernel", [LOPSIDED, FAR])
 @pytest.mark.parametrize("shape", [(30, 41), (1, 1), (1, 17), (17, 1), (2, 2), (3, 2)])
 def test_scipy_convolves_the_mean_to_the_same_electrons(
@@ -77,14 +52,6 @@ def test_scipy_convolves_the_mean_to_the_same_electrons(
     mixed = mean_e(BASE.replace(**{MIXING: kernel.tolist()}), light)
     expected = scipy.ndimage.convolve(alone, kernel, mode="mirror")
     np.testing.assert_allclose(mixed, expected, rtol=1e-12)
-
-
-def test_one_bright_pixel_shows_the_kernel_and_loses_what_it_does_not_sum_to() -> None:
-    light = np.zeros((9, 9))
-    light[4, 4] = 1e4
-    alone, mixed = mean_e(BASE, light), mean_e(MIXED, light)
-    np.testing.assert_allclose(mixed[3:6, 3:6], alone[4, 4] * LOPSIDED, rtol=1e-12)
-    assert mixed.sum() == pytest.approx(LOPSIDED.sum() * alone.sum(), rel=1e-12)
 
 
 def test_counts_stay_poisson_and_neighbours_independent() -> None:
@@ -131,89 +98,10 @@ def test_the_colours_of_a_flat_field_behind_a_bayer_mosaic_mix_in_closed_form(
     )
 
 
-def test_a_window_of_a_flat_field_is_a_part_of_a_larger_one_behind_any_mosaic() -> None:
-    """Up to the edges, where a mirrored pixel of this mosaic of 3 × 3 filters has another filter."""
-    tile = [["R", "G", "B"], ["G", "B", "R"], ["B", "R", "R"]]
-    camera = BAYER.replace(**{MIXING: FAR.tolist(), "quantum_efficiency.tile": tile})
-    light = np.full((12, 13), 1e3)
-    whole = mean_e(camera, light)
-    part = mean_e(camera, light[:5, :6], origin=(3, 2))
-    np.testing.assert_allclose(part, whole[3:8, 2:8], rtol=1e-12)
-    assert len(np.unique(np.round(whole[2:-2, 2:-2], 6))) == 9
-
-
-@pytest.mark.parametrize("engine", ["numpy", "drjit"])
-@pytest.mark.parametrize("photodiodes", [1, 2])
-def test_no_byte_depends_on_strips_and_engines(
-    engine: str, photodiodes: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """One frame of light without a spectrum is what a compiled kernel would detect by itself."""
-    light = np.random.default_rng(3).uniform(0.0, 3e4, (23, 31))
-    camera = FAR_MIXED
-    if photodiodes == 2:
-        camera = split_pixel(crosstalk=FAR.tolist())
-    whole = ms.expose(light, camera, SHORT, engine="numpy").digital
-    np.testing.assert_array_equal(
-        ms.expose(light, camera, SHORT, **options_of(engine)).digital, whole
-    )
-    for pixels in (1, 31 * 4):
-        monkeypatch.setattr(Backend, "strip_pixels", pixels)
-        found = ms.expose(light, camera, SHORT, **options_of(engine))
-        np.testing.assert_array_equal(found.digital, whole)
-
-
-def test_the_theory_keeps_the_law_of_a_pixel() -> None:
-    """Clean frame and variance are those of a camera without crosstalk in the light that the pixels collect."""
-    light = np.random.default_rng(4).uniform(0.0, 3e4, (20, 30))
-    frames = ms.expose(light, MIXED, SHORT, precision="float64")
-    collected = ms.Photons(mean_e(MIXED, light), detected=True)
-    same = ms.expose(collected, BASE, SHORT, precision="float64")
-    np.testing.assert_allclose(frames.clean, same.clean, rtol=1e-6)
-    np.testing.assert_allclose(frames.temporal_variance, same.temporal_variance, rtol=1e-6)
-    np.testing.assert_array_equal(frames.digital, same.digital)
-    plans = (ms.plan(camera, SHORT, light, 0.1).left_out for camera in (MIXED, BASE))
-    assert next(plans) == next(plans)
-
-
-def test_saturating_light_fills_the_neighbours_and_makes_no_nan() -> None:
-    light = np.zeros((7, 7))
-    light[3, 3] = np.inf
-    for precision in ("float64", "float32"):
-        full = mean_e(MIXED, ms.Photons(light), precision) > 1e20
-        np.testing.assert_array_equal(full[2:5, 2:5], LOPSIDED > 0)
-        assert full.sum() == 8
-
-
-def test_electrons_per_photon_are_mixed_by_the_interactions() -> None:
-    """One pixel in the ultraviolet frees two electrons per photon, its neighbours one: mean (1·a + 2·b)/(a + b) and the
-    variance of that mixture."""
-    camera = MIXED.replace(
-        **{
-            "quantum_efficiency.wavelengths_nm": [200.0, 400.0, 401.0, 700.0],
-            "quantum_efficiency.curves": {"mono": [0.5, 0.5, 0.5, 0.5]},
-            "quantum_efficiency.quantum_yield": [2.0, 2.0, 1.0, 1.0],
-        }
-    )
-    bands = np.zeros((5, 5, 2))
-    bands[..., 1] = 1000.0
-    bands[2, 2] = 1000.0, 0.0
-    light = ms.Photons(bands, np.array([300.0, 600.0]))
-    signal = ms.expose(light, camera, SHORT, precision="float64").theory.light.signal
-    share = LOPSIDED[1, 2] / LOPSIDED.sum()  # of the pixel to the right of it
-    assert signal.yield_mean[2, 3] == pytest.approx(1 + share, rel=1e-12)
-    assert signal.yield_variance[2, 3] == pytest.approx(share * (1 - share), rel=1e-9)
-    assert signal.yield_mean[0, 0] == 1 and signal.yield_variance[0, 0] == 0
-
-
 def test_the_variance_of_a_render_is_mixed_by_squares() -> None:
     noisy = ms.Photons(np.full((9, 9), 1e4), variance_e2=np.full((9, 9), 100.0))
     signal = ms.expose(noisy, MIXED, SHORT, precision="float64").theory.light.signal
     np.testing.assert_allclose(signal.variance_e2, 100.0 * (LOPSIDED**2).sum(), rtol=1e-12)
-
-
-def test_a_kernel_that_keeps_everything_is_no_crosstalk() -> None:
-    camera = BASE.replace(**{MIXING: [[0, 0, 0], [0, 1, 0], [0, 0, 0]]})
-    assert camera.stages == BASE.stages
 
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
@@ -236,23 +124,6 @@ def test_impossible_kernels_are_refused_with_the_way_out(case: str) -> None:
     fields, said = REFUSED[case]
     with pytest.raises(ms.InputError, match=said):
         BASE.replace(**fields)
-
-
-def test_derivatives_by_photons_are_refused_and_by_fields_are_those_of_the_light() -> None:
-    backend_of("drjit")
-    light = np.full((8, 8), 4000.0)
-    with pytest.raises(ms.InputError, match=r"unset quantum_efficiency\.crosstalk"):
-        ms.differentiable(light, MIXED, SHORT, parameters="photons")
-    gain = "readout.sense_gain_uv_per_e"
-    camera = MIXED.replace(**{"adc.full_scale_v": 0.2, gain: 5.0})
-    frames = ms.differentiable(light, camera, SHORT, parameters=gain)
-    slope = frames.frame().forward(gain).mean()
-    step = 0.05
-    codes = [
-        ms.expose(light, camera.replace(**{gain: 5.0 + sign * step}), SHORT).clean.mean()
-        for sign in (-1, 1)
-    ]
-    assert slope == pytest.approx((codes[1] - codes[0]) / (2 * step), rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -320,26 +191,6 @@ def test_a_small_photodiode_may_keep_its_electrons_or_let_them_diffuse() -> None
     assert small.quantum_efficiency.crosstalk is None
     np.testing.assert_allclose(spread, mean_e(small, light), rtol=1e-12)
     assert ms.load_camera(camera.to_toml()) == camera
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-def test_codes_of_a_split_pixel_with_crosstalk_are_those_that_theory_expects(
-    engine: str,
-) -> None:
-    """A step from 200 to 60 000 electrons in 400 frames: means of the pixels within 0.06 σ of their 32 frames of a
-    lattice, beside the 0.05 σ of 400 frames; temporal variance over its expectation, of 480 pixels with 400 frames
-    each, within 1.7 %."""
-    light_e = np.where(np.arange(24) < 12, 200.0, 60_000.0) * np.ones((20, 1))
-    camera = split_pixel(LOPSIDED.tolist(), crosstalk=SMALL.tolist())
-    light = ms.Photons(light_e, detected=True)
-    frames = ms.expose(light, camera, SHORT, frames=400, **options_of(engine))
-    codes = frames.digital.astype(float)
-    off = (codes.mean(axis=0) - frames.clean) / np.sqrt(frames.temporal_variance)
-    assert np.sqrt(np.mean(off**2)) < np.hypot(0.05, 0.06) * (1 + 5 / np.sqrt(2 * 480))
-    ratio = codes.var(axis=0, ddof=1) / frames.temporal_variance
-    assert ratio.mean() == pytest.approx(1.0, abs=0.017)
-    edge = frames.readouts["small"].clean[:, 11].mean()
-    assert edge > frames.readouts["small"].clean[:, 9].mean()
 
 
 def test_crosstalk_belongs_to_a_photodiode_and_not_to_a_second_gain() -> None:

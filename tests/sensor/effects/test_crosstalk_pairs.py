@@ -6,16 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.stage_tests import backend_of
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.colour_matrix import colour_matrix, flat_field_qe, standard_light
-from mitsuba_sensor.core.backend import Backend
 
 BAYER = ms.load_camera("bayer_2mp")
 SHORT = ms.Exposure(0.1)
-NAMES, TILE = BAYER.filter_names, BAYER.tile
+NAMES = BAYER.filter_names
 PAIRS_FIELD = "quantum_efficiency.crosstalk_pairs"
 
 
@@ -95,15 +93,6 @@ def test_a_loop_over_all_pairs_of_pixels_collects_the_same_electrons(side: int) 
     )
 
 
-def test_kernels_of_3_and_5_go_together() -> None:
-    tile = BAYER.filter_index((2, 2))
-    pairs = {"R": PAIRS["R"] | {"G": np.pad(PAIRS["R"]["G"], 1).tolist()}, "G": PAIRS["G"]}
-    light = np.random.default_rng(2).uniform(0.0, 5e3, (9, 8))
-    expected = by_loop(mean_e(BAYER, light), pairs | {"B": {"B": [[1.0]]}}, tile)
-    found = mean_e(BAYER.replace(**{PAIRS_FIELD: pairs}), light)
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
-
-
 @pytest.mark.parametrize("origin", [(0, 0), (1, 0), (3, 5)])
 def test_a_flat_field_and_the_colour_matrix_mix_the_filters_in_closed_form(
     origin: tuple[int, int],
@@ -120,50 +109,6 @@ def test_a_flat_field_and_the_colour_matrix_mix_the_filters_in_closed_form(
     day = standard_light(BAYER, "D65")
     white = [colour_matrix(camera, day).white_balance for camera in (MIXED, BAYER)]
     assert np.abs(np.subtract(*white)).max() > 0.01
-
-
-def test_electrons_that_leave_a_pixel_arrive_or_are_lost_by_what_the_sums_lack() -> None:
-    """One bright pixel behind each filter: the electrons of the picture are its own times the sum of its shares."""
-    sums = {"R": 0.9 + 4 * 0.02 + 4 * 0.003, "G": 0.88 + 4 * 0.004 + 2 * 0.045, "B": 0.99}
-    for row, column in ((4, 4), (4, 5), (5, 4), (5, 5)):
-        light = np.zeros((10, 10))
-        light[row, column] = 1e3
-        source = NAMES[BAYER.filter_index((10, 10))[row, column]]
-        alone, mixed = mean_e(BAYER, light), mean_e(MIXED, light)
-        assert mixed.sum() == pytest.approx(sums[source] * alone.sum(), rel=1e-12)
-
-
-def test_the_same_shares_for_all_receivers_are_those_by_source_alone() -> None:
-    """What counts of each kernel is where its receivers are: the same shares for all have the bytes of
-    crosstalk_from."""
-    kernel = np.array(cross(0.9, 0.02, 0.004))
-    about = BAYER.filter_index((3, 3), (1, 1))
-    source = NAMES[about[1, 1]]
-    of_pairs = {
-        name: np.where(about == k, kernel, 0.0).tolist() for k, name in enumerate(NAMES)
-    }
-    light = np.random.default_rng(3).uniform(0.0, 5e3, (9, 12))
-    by_source = BAYER.replace(
-        **{"quantum_efficiency.crosstalk_from": {source: kernel.tolist()}}
-    )
-    by_pairs = BAYER.replace(**{PAIRS_FIELD: {source: of_pairs}})
-    np.testing.assert_array_equal(mean_e(by_source, light), mean_e(by_pairs, light))
-
-
-@pytest.mark.parametrize("engine", ["numpy", "drjit"])
-def test_no_byte_depends_on_strips_crops_and_engines(
-    engine: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """But for the pixel at the edges of a crop that gets light from beyond."""
-    backend_of(engine)
-    light = np.random.default_rng(4).uniform(0.0, 5e3, (23, 31))
-    whole = ms.expose(light, MIXED, SHORT, engine="numpy").digital
-    for pixels in (2**17, 1, 31 * 4):
-        monkeypatch.setattr(Backend, "strip_pixels", pixels)
-        found = ms.expose(light, MIXED, SHORT, engine=engine)
-        np.testing.assert_array_equal(found.digital, whole)
-    part = ms.expose(light[5:, :20], MIXED, SHORT, engine=engine, origin=(5, 0)).digital
-    np.testing.assert_array_equal(part[0, 1:, :-1], whole[0, 6:, :19])
 
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
@@ -204,11 +149,3 @@ def test_impossible_pairs_are_refused_with_the_way_out(case: str) -> None:
     pairs, said = REFUSED[case]
     with pytest.raises(ms.InputError, match=said):
         BAYER.replace(**{PAIRS_FIELD: pairs})
-
-
-def test_shares_are_given_in_one_way_and_are_in_the_camera_file() -> None:
-    with pytest.raises(ms.InputError, match="give either crosstalk or crosstalk_pairs"):
-        MIXED.replace(**{"quantum_efficiency.crosstalk": cross(0.9, 0.01, 0)})
-    alone = {name: {name: cross(1.0, 0, 0)} for name in NAMES}
-    assert BAYER.replace(**{PAIRS_FIELD: alone}).stages == BAYER.stages
-    assert ms.load_camera(MIXED.to_toml()) == MIXED

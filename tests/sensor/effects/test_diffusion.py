@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.stats
-from helpers.stage_tests import StageTests
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.stages.effects.quantum_efficiency import QuantumEfficiency
 
 BASE = ms.load_camera("konnik_table1").replace(
     **{
@@ -46,14 +44,6 @@ def share(distance_px: int, sigma_px: float) -> float:
         return float(law.cdf(distance_px + 0.5) - law.cdf(distance_px - 0.5))
 
     return float(scipy.integrate.quad(arriving, -0.5, 0.5, epsabs=1e-10)[0])
-
-
-class TestDiffusion(StageTests):
-    stage = QuantumEfficiency
-    camera = WIDE
-    without = BASE
-
-    test_a_crop_of_a_frame_is_the_frame_of_the_crop = None  # the light beyond it is missing
 
 
 @pytest.mark.parametrize(("nm", "sigma_um"), [(400.0, 1.0), (600.0, 3.0), (800.0, 5.0)])
@@ -108,20 +98,6 @@ def test_bands_of_a_colour_camera_mix_each_by_its_own_way() -> None:
     np.testing.assert_allclose(whole, sum(parts), rtol=1e-9)
 
 
-def test_a_crop_knows_all_but_its_edges() -> None:
-    light = np.random.default_rng(1).uniform(0.0, 2e4, (60, 60))
-    whole = ms.expose(light, WIDE, SHORT).digital[0]
-    part = ms.expose(light[9:, :51], WIDE, SHORT, origin=(9, 0)).digital[0]
-    reach_px = WIDE.stages[0].light_reach_px
-    np.testing.assert_array_equal(
-        part[reach_px:, :-reach_px], whole[9 + reach_px :, : 51 - reach_px]
-    )
-
-
-def test_no_diffusion_is_the_camera_without_it() -> None:
-    assert BASE.replace(**{DIFFUSION: [0.0, 0.0]}).stages == BASE.stages
-
-
 @pytest.mark.parametrize(
     ("fields", "sentence"),
     [
@@ -144,8 +120,3 @@ def test_a_wrong_value_gets_a_sentence(fields: dict[str, object], sentence: str)
     with pytest.raises(ms.InputError) as refused:
         BASE.replace(**fields)
     assert sentence in str(refused.value)
-
-
-def test_light_without_wavelengths_is_refused() -> None:
-    with pytest.raises(ms.InputError, match="their wavelengths are not known"):
-        ms.expose(ms.Photons(np.full((9, 9), 5.0), detected=True), WIDE, SHORT)

@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.marks import one_in
-from helpers.stage_tests import SQUARE, TALL, StageTests
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.dsnu import DsnuColumn, DsnuPixel, DsnuRow
 from mitsuba_sensor.stages.effects.prnu import PrnuColumn
-from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)
@@ -99,42 +97,6 @@ def test_lines_have_the_sigma_asked_for_at_every_coupling(kind: Any, coupling: f
     assert abs((blocks**2).mean() - 1) < 5 * (blocks**2).mean(axis=1).std(ddof=1) / 10
     products = blocks[:, 1:] * blocks[:, :-1]
     assert abs(products.mean() - rho) < 5 * products.mean(axis=1).std(ddof=1) / 10
-
-
-@pytest.mark.parametrize("coupling", [0.0, 0.25])
-def test_dsnu_pixel_has_the_sigma_asked_for_and_neighbours_that_are_alike(
-    coupling: float,
-) -> None:
-    """512 × 512 pixels in 64 tiles: 5 standard errors are 1.4 % of the variance for white ones, 2.5 % for a = 0.25."""
-    x = (
-        DsnuPixel(33.0, 5e-6, coupling).fpn_maps(SensorWindow(3, (512, 512)))["dsnu_pixel_e"]
-        / 33.0
-    )
-    for values, expected in (
-        (x, 0.0),
-        (x * x, 1.0),
-        (x[:, 1:] * x[:, :-1], 2 * coupling),
-        (x[1:] * x[:-1], 2 * coupling),
-    ):
-        tiles = values[:504, :504].reshape(8, 63, 8, 63).mean(axis=(1, 3))
-        assert abs(tiles.mean() - expected) < 5 * tiles.std(ddof=1) / 8
-
-
-def test_one_tenth_of_a_percent_of_table_1_is_33_electrons_or_4_096_codes() -> None:
-    stage = next(stage for stage in chain(TABLE1) if isinstance(stage, DsnuColumn))
-    assert stage.sigma_e == pytest.approx(33.0)
-    assert stage.sigma_e * gain_dn_per_e(TABLE1) == pytest.approx(4.096, rel=1e-9)
-
-
-def test_offsets_and_gain_pass_the_follower_and_the_sense_node_once() -> None:
-    """σ is asked for as electrons at the sense node: with A_SF = 0.8 an electron is 4 µV where the offsets come in."""
-    camera = camera_with(
-        SOURCES["dsnu_col_e"][0] | {"source_follower.gain": 0.8, "readout.cds_gain": 2.0}
-    )
-    light = np.zeros(SHAPE)
-    offset = volts(camera, light) - volts(camera.replace(**{"readout.dsnu_col": 0.0}), light)
-    expected = 8e-6 * ms.fpn_maps(camera, SHAPE, precision="float64")["dsnu_col_e"]
-    np.testing.assert_allclose(offset[0], np.broadcast_to(expected, SHAPE), atol=1e-15)
 
 
 @pytest.mark.parametrize("residual", [0.0, 0.25, 1.0])
@@ -227,64 +189,3 @@ def test_subtracting_a_zero_exposure_frame_removes_the_offsets_and_adds_the_temp
     )
     assert abs(difference.mean()) < 5 * math.sqrt(2) * sigma / math.sqrt(one.size)
     assert one.std() > 1.3 * sigma
-
-
-def test_a_lit_frame_less_a_zero_exposure_is_the_light_without_the_pattern() -> None:
-    """Column means of the difference spread by temporal noise alone, where the raw frame's show the pattern."""
-    camera = TABLE1.replace(**NOISY, **{"pixel.prnu": 0.0})
-    light = np.full((400, 100), 10_000.0)
-    lit = ms.expose(light, camera, ms.Exposure(0.1)).digital[0].astype(np.int64)
-    zero = ms.expose(light * 0, camera, ms.Exposure(0.0), seed=2).digital[0].astype(np.int64)
-    k = gain_dn_per_e(camera)
-    temporal = k * math.sqrt(10_000 * 0.6 + 174 + 2 * (71.7**2 + 6.1**2))
-    assert lit.mean(axis=0).std() > 0.9 * 66 * k * 0.8
-    assert (lit - zero).mean(axis=0).std() == pytest.approx(
-        temporal / 20, rel=5 / math.sqrt(200)
-    )
-    assert (lit - zero).mean() == pytest.approx(k * (6000 + 174.16), abs=5 * temporal / 200)
-
-
-class TestDsnuColumn(StageTests):
-    stage = DsnuColumn
-    camera = TABLE1.replace(**{"readout.dsnu_col": 0.002, "readout.dsnu_col_coupling": 0.25})
-    without = {"readout.dsnu_col": 0.0}
-    neutral = (DsnuColumn(0.0, 5e-6, 0.25), DsnuColumn(33.0, 5e-6, 0.25, residual=0.0))
-
-
-class TestDsnuColumnWithAResidual(TestDsnuColumn):
-    camera = TABLE1.replace(
-        **{"readout.dsnu_residual": 0.4, "readout.dsnu_col": 0.004, "pixel.dsnu_e": 50.0}
-    )
-    without = {"readout.dsnu_col": 0.0}
-
-
-class TestDsnuRow(StageTests):
-    stage = DsnuRow
-    camera = TABLE1.replace(
-        **{
-            "readout.dsnu_row": 0.002,
-            "readout.dsnu_row_coupling": 0.45,
-            "readout.dsnu_col": 0.0,
-        }
-    )
-    without = {"readout.dsnu_row": 0.0}
-    neutral = (DsnuRow(0.0, 5e-6, 0.25),)
-    shape = TALL
-
-
-class TestDsnuPixel(StageTests):
-    stage = DsnuPixel
-    camera = TABLE1.replace(
-        **{"pixel.dsnu_e": 30.0, "pixel.dsnu_coupling": 0.25, "readout.dsnu_col": 0.0}
-    )
-    without = {"pixel.dsnu_e": 0.0}
-    neutral = (DsnuPixel(0.0, 5e-6, 0.25),)
-    shape = SQUARE
-
-
-class TestPrnuColumn(StageTests):
-    stage = PrnuColumn
-    camera = TABLE1.replace(**{"readout.prnu_col": 0.005, "readout.prnu_col_coupling": 0.2})
-    without = {"readout.prnu_col": 0.0}
-    neutral = (PrnuColumn(0.0, 0.25),)
-    level = 0.5

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.stage_tests import ENGINES, SQUARE, StageTests, backend_of
+from helpers.engines import backend_of
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.figures import emva_figures
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.effects.inter_pixel_capacitance import InterPixelCapacitance
 
 BASE = ms.load_camera("konnik_table1")
 SIDE, CORNER = 0.02, 0.005
 KERNEL = np.array([[CORNER, SIDE, CORNER], [SIDE, 0.9, SIDE], [CORNER, SIDE, CORNER]])
-COUPLED = BASE.replace(**{"readout.ipc_coupling": SIDE, "readout.ipc_corner_coupling": CORNER})
 SHOT_NOISE_ALONE = BASE.replace(
     **{
         "pixel.prnu": 0.0,
@@ -26,34 +24,6 @@ SHOT_NOISE_ALONE = BASE.replace(
     }
 )
 SHORT = ms.Exposure(0.1)
-
-
-class TestInterPixelCapacitance(StageTests):
-    """In a square window: the variance of the pixels at its edges is another one, which moves the average by 0.03 %."""
-
-    stage = InterPixelCapacitance
-    camera = COUPLED
-    without = BASE
-    neutral = (InterPixelCapacitance(0.0),)
-    shape = SQUARE
-
-    @pytest.mark.parametrize("engine", ENGINES)
-    def test_a_crop_of_a_frame_is_the_frame_of_the_crop(self, engine: str) -> None:
-        """But for the pixels at its edges, whose neighbours are not in it; at the edge of the sensor for them, too."""
-        options = {"precision": "float64"} if engine == "float64" else {"engine": engine}
-        backend_of(engine)
-        light = np.random.default_rng(1).uniform(0.0, 6e4, (40, 50))
-        whole = ms.expose(light, COUPLED, SHORT, **options).digital[0]  # type: ignore[arg-type]
-        for rows, columns in ((slice(0, 17), slice(0, 9)), (slice(9, 40), slice(30, 50))):
-            origin = rows.start, columns.start
-            part = ms.expose(light[rows, columns], COUPLED, SHORT, origin=origin, **options)  # type: ignore[arg-type]
-            top, left = min(rows.start, 1), min(columns.start, 1)
-            bottom, right = min(40 - rows.stop, 1), min(50 - columns.stop, 1)
-            inside = (
-                slice(top, part.digital.shape[1] - bottom),
-                slice(left, part.digital.shape[2] - right),
-            )
-            np.testing.assert_array_equal(part.digital[0][inside], whole[rows, columns][inside])
 
 
 def coupled(
@@ -138,35 +108,6 @@ def test_a_full_pixel_spills_nothing_but_its_neighbours_show_it() -> None:
     assert shown[0, 1, 1] == 0
 
 
-@pytest.mark.exhaustive
-def test_the_engines_have_the_same_bytes_on_small_and_odd_sensors() -> None:
-    backend_of("drjit")
-    for shape in ((1, 1), (1, 37), (37, 1), (3, 5), (130, 67)):
-        light = np.random.default_rng(5).uniform(0.0, 4e4, shape)
-        numpy, drjit = (
-            ms.expose(light, COUPLED, SHORT, frames=2, engine=engine).digital
-            for engine in ("numpy", "drjit")
-        )
-        np.testing.assert_array_equal(numpy, drjit)
-
-
-def test_dark_figures_have_the_noise_that_is_left() -> None:
-    """σ_d² of dark shot noise behind the coupling, Σk² times it; read noise stays: a closed form."""
-    hot, exposure = BASE.replace(**{"dark_current.fom_na_per_cm2": 1.0}), ms.Exposure(1.0)
-    cameras = hot, hot.without("shot_noise"), hot.replace(**{"readout.ipc_coupling": 0.02})
-    apart, read, beside = (
-        emva_figures(camera, exposure).temporal_dark_noise_e ** 2 for camera in cameras
-    )
-    assert apart > 3 * read
-    assert beside == pytest.approx(0.848 * (apart - read) + read, rel=1e-6)
-
-
-@pytest.mark.exhaustive
-def test_check_stage_compares_its_moments_inside_the_windows() -> None:
-    stage = next(x for x in COUPLED.stages if isinstance(x, InterPixelCapacitance))
-    assert len(ms.check_stage(stage, camera=COUPLED).comparisons) > 50
-
-
 REFUSED = {
     "percent": ({"readout.ipc_coupling": 2.0}, "at most 0.2"),
     "negative": ({"readout.ipc_coupling": -0.01}, "at least 0"),
@@ -186,12 +127,3 @@ def test_impossible_couplings_are_refused_with_the_way_out(case: str) -> None:
     fields, said = REFUSED[case]
     with pytest.raises(ms.InputError, match=said):
         BASE.replace(**fields)
-
-
-def test_derivatives_and_switching_off_by_name_say_which_field_to_set() -> None:
-    with pytest.raises(
-        ms.InputError, match=r"inter-pixel capacitance .* couples neighbouring pixels"
-    ):
-        ms.differentiable(np.full((4, 4), 100.0), COUPLED, SHORT, parameters="photons")
-    with pytest.raises(ms.InputError, match=r"is no noise source; set readout\.ipc_coupling"):
-        COUPLED.without("inter-pixel capacitance")

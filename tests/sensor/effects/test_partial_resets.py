@@ -7,7 +7,6 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.figures import saturation_e
-from mitsuba_sensor.stages.effects.shot_noise import ShotNoiseWithResets, left_by_resets
 
 SHORT = ms.Exposure(0.01)
 RESETS = [[0.9, 6_000.0], [0.99, 9_000.0]]
@@ -48,22 +47,10 @@ def test_theory_knows_the_response_and_its_noise() -> None:
     assert np.median(ratio) == pytest.approx(1, abs=0.02)
 
 
-def test_both_engines_have_the_same_bytes() -> None:
-    light = ms.Photons(np.tile(np.geomspace(10, 3e5, 60), (40, 1)), detected=True)
-    numpy, compiled = (ms.expose(light, CAMERA, SHORT, engine=e) for e in ("numpy", "drjit"))
-    assert np.array_equal(numpy.digital, compiled.digital)
-
-
 def test_saturation_is_where_the_well_is_full_behind_the_last_reset() -> None:
     camera = CAMERA.replace(**{"pixel.full_well_e": 10_000.0, "readout.gain_dn_per_e": 0.1})
     assert well_e(np.array(saturation_e(camera))) == pytest.approx(10_000)
     assert saturation_e(camera) == pytest.approx(100_000)
-
-
-def test_a_pixel_without_resets_has_none_of_it() -> None:
-    plain = CAMERA.replace(**{"pixel.partial_resets": None})
-    assert not any(isinstance(stage, ShotNoiseWithResets) for stage in plain.stages)
-    assert left_by_resets(((0.5, 10.0),), 1_000.0) == 510
 
 
 @pytest.mark.parametrize(

@@ -4,40 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from helpers.stage_tests import SQUARE, StageTests
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.effects.prnu import Prnu
 from mitsuba_sensor.stages.fpn_distributions import Rectified
 
-BASE = ms.load_camera("konnik_table1")
 SMALL = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
 CHARGE = ms.Electrons(np.linspace(0, 4e4, 200).reshape(4, 50), np.full((4, 50), 174.0))
-
-
-class TestPrnu(StageTests):
-    stage = Prnu
-    camera = BASE.replace(**{"pixel.prnu": 0.4, "pixel.full_well_e": 2e5})
-    without = {"pixel.prnu": 0.0}
-    neutral = (Prnu(Rectified(0.0)),)
-
-
-class TestLogNormalPrnu(TestPrnu):
-    camera = BASE.replace(**{"pixel.prnu_distribution": "lognormal", "pixel.prnu": 0.05})
-
-
-class TestPrnuOfCorrelatedNeighbours(TestPrnu):
-    camera = BASE.replace(
-        **{
-            "pixel.prnu_distribution": "ar",
-            "pixel.prnu": 0.03,
-            "pixel.prnu_coupling": 0.25,
-            "readout.dsnu_col": 0.0,
-        }
-    )
-    without = {"pixel.prnu": 0.0}
-    shape = SQUARE
 
 
 def test_prnu_multiplies_light_and_leaves_the_dark_alone() -> None:

@@ -6,35 +6,13 @@ import math
 from typing import Any
 
 import pytest
-from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.reset_noise import ResetNoise
 
 BASE = ms.load_camera("konnik_table1")
-SMALL = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
-
-
-class TestResetNoise(StageTests):
-    stage = ResetNoise
-    camera = BASE.replace(**{"readout.reset": "hard"})
-    without = {"readout.reset": "true_cds"}
-    neutral = (ResetNoise(5e-6, 0.0),)
-    level = 0.0
-
-
-class TestResetNoiseOfASoftReset(TestResetNoise):
-    camera = BASE.replace(**{"readout.reset": "soft"})
-
-
-class TestResetNoiseOfAGivenResidual(TestResetNoise):
-    camera = BASE.replace(**{"readout.ktc_residual": 0.3})
-
-
-class TestResetNoiseOfUncorrelatedSampling(TestResetNoise):
-    camera = BASE.replace(**{"readout.ktc_residual": math.sqrt(2)})
+WARM = ms.Exposure(0.1)
 
 
 def test_uncorrelated_sampling_adds_the_variance_of_two_resets() -> None:
@@ -43,8 +21,8 @@ def test_uncorrelated_sampling_adds_the_variance_of_two_resets() -> None:
         stage_of(BASE.replace(**change), ResetNoise)
         for change in ({"readout.ktc_residual": math.sqrt(2)}, {"readout.reset": "hard"})
     )
-    assert stage.sigma_v(SMALL) / 5e-6 == pytest.approx(101.376, rel=1e-5)
-    assert stage.sigma_v(SMALL) ** 2 == pytest.approx(2 * hard.sigma_v(SMALL) ** 2, rel=1e-14)
+    assert stage.sigma_v(WARM) / 5e-6 == pytest.approx(101.376, rel=1e-5)
+    assert stage.sigma_v(WARM) ** 2 == pytest.approx(2 * hard.sigma_v(WARM) ** 2, rel=1e-14)
     with pytest.raises(
         ms.InputError,
         match=r"readout\.ktc_residual is 1\.5; it must be at most 1\.414",
@@ -67,6 +45,7 @@ def test_reset_noise_is_ktc_or_what_the_reset_leaves_of_it(
     stage = stage_of(
         ms.load_camera("konnik_table1").replace(**{"readout.reset": reset}), ResetNoise
     )
-    assert stage.sigma_v(SMALL) / 5e-6 == pytest.approx(electrons, rel=1e-5)
-    cold = ms.Frame(ms.Exposure(0.1, 298.15 / 4), SensorWindow(3, (1, 1)))
-    assert stage.sigma_v(cold) == pytest.approx(stage.sigma_v(SMALL) / 2, rel=1e-12)
+    assert stage.sigma_v(WARM) / 5e-6 == pytest.approx(electrons, rel=1e-5)
+    assert stage.sigma_v(ms.Exposure(0.1, 298.15 / 4)) == pytest.approx(
+        stage.sigma_v(WARM) / 2, rel=1e-12
+    )

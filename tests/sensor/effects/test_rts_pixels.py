@@ -8,44 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.marks import one_in
-from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.rts_pixels import RtsPixels, TwoStates
-
-BASE = ms.load_camera("konnik_table1")
-
-
-class TestRtsPixels(StageTests):
-    stage = RtsPixels
-    camera = BASE.replace(
-        **{"dark_current.rts_fraction": 0.5, "dark_current.rts_amplitude_e_per_s": 2000.0},
-        **{
-            "dark_current.rts_switching": 0.2,
-            "dark_current.rts_duty": 0.3,
-            "readout.dsnu_col": 0.0,
-        },
-    )
-    without = {"dark_current.rts_fraction": 0.0}
-    neutral = (RtsPixels(0.0, 100.0, 0.1, 0.5), RtsPixels(0.5, 0.0, 0.1, 0.5))
-    level = 0.0
-
-
-class TestRtsPixelsGivenAtAnotherTemperature(TestRtsPixels):
-    camera = TestRtsPixels.camera.replace(
-        **{
-            "dark_current.rts_at_temperature_k": 320.0,
-            "dark_current.rts_amplitude_e_per_s": 8000.0,
-        },
-        **{"dark_current.rts_switching": 0.8},
-    )
-
-
-class TestRtsPixelsInTheLight(TestRtsPixels):
-    level = 0.2
-
 
 STEP, DUTY = 200.0, 0.3
 """100 e-/s for 2 s, on for 30 % of the time."""
@@ -63,30 +29,6 @@ def states(
             for frame in frames
         ]
     )
-
-
-def test_a_trap_has_two_states_and_the_moments_of_their_distribution() -> None:
-    """Half of 20 000 pixels in 12 frames so far apart that nothing is left (0.9^100 = 3e-5).
-
-    Means over 120 000 states: 5 se are 1.6 % of the mean; temporal variance 1.5 %; spatial 3 % (binomial).
-    """
-    x = states(0.5, 0.1, range(0, 1200, 100))
-    stage = RtsPixels(0.5, STEP / 2, 0.1, DUTY)
-    m = stage.moments(
-        ms.Moments(0.0, 0.0, 0.0, ms.Frame(ms.Exposure(2.0), SensorWindow(7, (1, 1))))
-    )
-    assert (m.mean, m.temporal, m.spatial) == pytest.approx(
-        (30.0, 0.5 * 200**2 * 0.21, 0.25 * 60**2), rel=1e-12
-    )
-    assert set(np.unique(x)) == {0.0, STEP}
-    temporal = x.var(axis=0, ddof=1)
-    spatial = (x.mean(axis=0) - m.mean) ** 2 - temporal / 12
-    for seen, expected in (
-        (x.mean(axis=0), m.mean),
-        (temporal, m.temporal),
-        (spatial, m.spatial),
-    ):
-        assert abs(seen.mean() - expected) < 5 * seen.std() / math.sqrt(seen.size)
 
 
 @pytest.mark.parametrize("switching", [0.1, 0.5, 1.0])
@@ -161,20 +103,6 @@ def test_any_frame_takes_at_most_34_random_numbers_of_a_trap(rate: float) -> Non
         assert math.exp(-rate * 2**traps.levels) < 2**-32 or traps.levels == 32
 
 
-@pytest.mark.parametrize("rate", [1e-6, 1e-2, 1.0])
-def test_a_state_between_two_known_ones_follows_from_them_by_bayes_rule(rate: float) -> None:
-    """Summed over what lies between, the pair of ends has the correlation of its distance (Chapman & Kolmogorov)."""
-    traps, duty = TwoStates(0.3, rate), 0.3
-    for half in (1, 50, 1000):
-        for before in (0.0, 1.0):
-            to_on = duty + (before - duty) * math.exp(-rate * half)
-            ends = duty + (before - duty) * math.exp(-2 * rate * half)
-            middle = [
-                float(traps._between(bool(before), after, half)) for after in (True, False)
-            ]
-            assert ends * middle[0] + (1 - ends) * middle[1] == pytest.approx(to_on, rel=1e-9)
-
-
 COOLED = RtsPixels(1.0, STEP / 2, 0.1, DUTY, 300.0, 0.57, 0.9)
 
 
@@ -192,58 +120,7 @@ def test_amplitude_and_switching_cool_each_with_its_activation_energy(
         )
     assert COOLED.step_e(frame) == pytest.approx(STEP * amplitude, rel=1e-6, abs=0)
     assert COOLED.traps(frame).rate == pytest.approx(-math.log(0.9) * rate, rel=1e-6, abs=0)
-    m = COOLED.moments(ms.Moments(0.0, 0.0, 0.0, frame))
-    assert (m.mean, m.temporal) == pytest.approx(
-        (DUTY * COOLED.step_e(frame), 0.21 * COOLED.step_e(frame) ** 2)
-    )
     cold = ms.Frame(ms.Exposure(2.0, 0.0), SensorWindow(7, (3, 4)), 5, 9)
     assert COOLED.step_e(cold) == 0.0 and not np.any(
         COOLED.sample(ms.Electrons(np.zeros((3, 4))), cold).dark
     )
-
-
-def test_traps_of_a_cooled_sensor_switch_more_slowly() -> None:
-    """At 280 K the rate is 0.0831 of that at 300 K: states 40 frames apart still correlate by 0.704, not by 0.015."""
-    window, warm = SensorWindow(7, (100, 200)), -math.log(0.9)
-    on = [
-        COOLED.states(ms.Frame(ms.Exposure(2.0, 280.0), window, 5, index)) for index in (5, 45)
-    ]
-    product = (on[0] - DUTY) * (on[1] - DUTY) / (DUTY * (1 - DUTY))
-    expected = math.exp(-40 * warm * math.exp(0.9 / 8.617333262e-5 * (1 / 300 - 1 / 280)))
-    assert expected == pytest.approx(0.704, abs=1e-3)
-    assert product.mean() == pytest.approx(
-        expected, abs=5 * product.std() / math.sqrt(product.size)
-    )
-
-
-def test_the_temperature_of_the_traps_is_their_own_else_that_of_the_dark_current_else_300_k() -> (
-    None
-):
-    rts = {"dark_current.rts_fraction": 0.1, "dark_current.rts_amplitude_e_per_s": 10.0}
-    rate = {
-        "dark_current.fom_na_per_cm2": None,
-        "dark_current.rate_e_per_s": 5.0,
-        "dark_current.at_temperature_k": 293.0,
-    }
-    for change, kelvin in (
-        ({}, 300.0),
-        (rate, 293.0),
-        (rate | {"dark_current.rts_at_temperature_k": 273.0}, 273.0),
-    ):
-        stage = next(
-            stage
-            for stage in chain(BASE.replace(**rts | change))
-            if isinstance(stage, RtsPixels)
-        )
-        assert stage == RtsPixels(0.1, 10.0, 0.1, 0.5, kelvin, 0.57, 0.9)
-
-
-def test_no_rts_pixels_are_no_stage_and_traps_that_are_always_on_are_a_fixed_pattern() -> None:
-    assert not any(isinstance(stage, RtsPixels) for stage in chain(BASE))
-    stage = RtsPixels(1.0, 10.0, 0.1, 1.0)
-    frame = ms.Frame(ms.Exposure(2.0), SensorWindow(7, (4, 5)), 5, 3)
-    np.testing.assert_array_equal(
-        stage.sample(ms.Electrons(np.zeros((4, 5))), frame).dark, 20.0
-    )
-    m = stage.moments(ms.Moments(0.0, 0.0, 0.0, frame))
-    assert (m.mean, m.temporal, m.spatial) == (20.0, 0.0, 0.0)

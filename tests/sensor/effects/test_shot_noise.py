@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64, Backend
@@ -18,17 +16,6 @@ from mitsuba_sensor.stages.effects.shot_noise import ShotNoise
 compiled = pytest.mark.skipif(backend_problem("llvm") is not None, reason="needs LLVM")
 SMALL = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
 CHARGE = ms.Electrons(np.linspace(0, 4e4, 200).reshape(4, 50), np.full((4, 50), 174.0))
-
-
-class TestShotNoise(StageTests):
-    stage = ShotNoise
-    camera = ms.load_camera("konnik_table1")
-
-
-class TestShotNoiseOfFewElectrons(StageTests):
-    stage = ShotNoise
-    camera = ms.load_camera("konnik_table1").replace(**{"adc.bits": 16})
-    level = 2e-4
 
 
 def test_shot_noise_gives_whole_electrons_of_light_and_dark_apart() -> None:
@@ -101,28 +88,3 @@ def test_the_count_is_the_same_whether_its_parts_are_asked_for_or_not(engine: st
     np.testing.assert_array_equal(one.digital, apart.digital)
     np.testing.assert_array_equal(one.electrons, apart.electrons)
     np.testing.assert_array_equal(apart.photoelectrons + apart.dark_electrons, apart.electrons)
-
-
-def test_a_frame_is_not_split_unless_somebody_asks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ms.Frame, "split", None)
-    camera = ms.load_camera("konnik_table1")
-    assert ms.expose(
-        np.full((8, 9), 1e3), camera, ms.Exposure(0.1), keep=("electrons", "volts")
-    ).report
-    with pytest.raises(TypeError):
-        ms.expose(np.full((8, 9), 1e3), camera, ms.Exposure(0.1), keep="photoelectrons")
-
-
-def test_electrons_with_other_photoelectrons_are_the_sum_of_both() -> None:
-    after = ShotNoise().sample(CHARGE, SMALL)
-    np.testing.assert_array_equal(
-        replace(after, light=after.light + 1.0).total, after.total + 1.0
-    )
-
-
-def test_a_pixel_twice_as_hot_has_twice_the_dark_shot_variance() -> None:
-    """X = 2: temporal var/mean stays 1, because the map multiplies the mean before Poisson. 2e5 draws, 5 se = 1.6 %."""
-    frame = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (1, 200_000)))
-    dark = ShotNoise().sample(ms.Electrons(np.zeros((1, 200_000)), 2 * 174.158), frame).dark
-    assert dark.mean() == pytest.approx(2 * 174.158, rel=5e-4)
-    assert dark.var() / dark.mean() == pytest.approx(1, abs=0.016)

@@ -8,86 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.marks import one_in
-from helpers.stage_tests import StageTests
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.stages.chain import chain
-from mitsuba_sensor.stages.effects.source_follower import (
-    NonlinearSourceFollower,
-    SourceFollower,
-)
 from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise
 
 BASE = ms.load_camera("konnik_table1")
-
-
-class TestSourceFollowerNoise(StageTests):
-    stage = SourceFollowerNoise
-    camera = BASE
-    without = {"source_follower.white_nv_per_rthz": 0.0}
-    neutral = (SourceFollowerNoise(0.0),)
-
-
-class TestReadNoiseOfADatasheet(TestSourceFollowerNoise):
-    camera = BASE.replace(
-        **{"source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 20.0}
-    )
-    without = {"source_follower.read_noise_e": 0.0}
-    level = 0.0
-
-
-class TestTelegraphNoiseInABand(TestSourceFollowerNoise):
-    camera = BASE.replace(
-        **{
-            "source_follower.band_hz": [10.0, 2e7],
-            "source_follower.rtn_uv": 200.0,
-            "source_follower.rtn_s": 1e-6,
-        },
-        **{"adc.bits": 16},
-    )
-
-
-class TestReadNoiseOfEveryPixel(TestSourceFollowerNoise):
-    camera = BASE.replace(
-        **{"source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 60.0},
-        **{"source_follower.read_noise_cv": 0.5, "readout.dsnu_col": 0.0},
-    )
-    without = {"source_follower.read_noise_e": 0.0}
-    neutral = (SourceFollowerNoise(0.0), SourceFollowerNoise(0.0, 0.5, 5e-6))
-    level = 0.0
-
-
-class TestNoiseDensitiesWithASpread(TestReadNoiseOfEveryPixel):
-    camera = BASE.replace(**{"source_follower.read_noise_cv": 1.0})
-    without = {"source_follower.white_nv_per_rthz": 0.0}
-    level = 0.1
-
-
-class TestNoisyPixels(TestReadNoiseOfEveryPixel):
-    """2 % of the pixels with three times the noise, beside a spread that all have."""
-
-    camera = TestReadNoiseOfEveryPixel.camera.replace(
-        **{
-            "source_follower.noisy_pixel_fraction": 0.02,
-            "source_follower.noisy_pixel_factor": 3.0,
-        }
-    )
-    neutral = (SourceFollowerNoise(0.0, 0.0, 5e-6, None, 0.02, 3.0),)
-
-
-class TestSourceFollower(StageTests):
-    stage = SourceFollower
-    camera = BASE.replace(**{"source_follower.gain": 0.9, "readout.cds_gain": 2.0})
-    neutral = (SourceFollower(1.0),)
-
-
-class TestNonlinearSourceFollower(StageTests):
-    stage = NonlinearSourceFollower
-    camera = BASE.replace(
-        **{"source_follower.vv_nonlinearity": 1.05, "source_follower.gain": 0.85}
-    )
-    neutral = (NonlinearSourceFollower(1.0, 1.0, 0.165),)
-    level = 0.6
 
 
 def stage_of(camera: ms.Camera, kind: type) -> Any:
@@ -140,21 +66,6 @@ def test_a_band_that_cuts_more_than_1_percent_of_the_noise_is_noted(
             )
     datasheet = {"source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 3.0}
     assert not BASE.replace(**{"source_follower.band_hz": band_hz}, **datasheet).notes
-
-
-@pytest.mark.parametrize("gain", [0.7, 0.9, 1.0])
-def test_read_noise_in_electrons_follows_the_gain_of_the_follower_only_where_it_is_made(
-    gain: float,
-) -> None:
-    """σ_SF[e-] = √(∫S·H)/(A_SN·A_SF·(1 − e^(−a))); a datasheet's read_noise_e is in electrons already."""
-    camera = ms.load_camera("konnik_table1").replace(**{"source_follower.gain": gain})
-    assert stage_of(camera, SourceFollowerNoise).sigma_v / 5e-6 == pytest.approx(
-        6.105069 / gain, rel=1e-6
-    )
-    given = {"source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 3.0}
-    assert stage_of(
-        camera.replace(**given), SourceFollowerNoise
-    ).sigma_v / 5e-6 == pytest.approx(3.0, rel=1e-12)
 
 
 @pytest.mark.parametrize("cv", one_in(2, [0.1, 0.5, 1.0, 3.0]))
@@ -217,26 +128,3 @@ def test_every_pixel_has_the_noise_of_its_map_and_a_measured_map_stands_in_for_i
         for maps in ({"read_noise": own}, {})
     )
     np.testing.assert_array_equal(given, made)
-
-
-def test_pixels_that_are_all_alike_have_no_map_and_the_frames_of_before() -> None:
-    """A spread of 0 is no spread, bit for bit; a measured map needs read_noise_cv above 0."""
-    light = np.linspace(0, 60_000, 300)[None]
-    one, other = (
-        ms.expose(light, BASE.replace(**change), ms.Exposure(0.1)).digital
-        for change in ({}, {"source_follower.read_noise_cv": 0.0})
-    )
-    np.testing.assert_array_equal(one, other)
-    assert "read_noise" not in ms.fpn_maps(BASE, (2, 2))
-    with pytest.raises(ms.InputError, match="maps names 'read_noise'; this camera's maps are"):
-        ms.expose(light, BASE, ms.Exposure(0.1), maps={"read_noise": np.ones((1, 300))})
-
-
-def test_darkness_stays_at_the_black_level_for_every_gain_of_the_follower() -> None:
-    """A_SF acts on the swing: on the node voltage, 0.9 would move darkness by 0.31 V, most of the range."""
-    for gain in (0.7, 0.9, 1.0):
-        camera = ms.load_camera("konnik_table1").replace(
-            **{"source_follower.gain": gain, "adc.black_level_dn": 100.0}
-        )
-        digital = ms.expose(np.zeros((4, 4000)), camera, ms.Exposure(0.0)).digital
-        assert digital.mean() == pytest.approx(100, abs=5 * 4.2 / np.sqrt(4000))

@@ -19,7 +19,7 @@ from ..core import Array, Electrons, Frame
 from ..core.code_law import code_moments, log_chance_of_code, rounded_poisson
 from ..core.noise_distributions import NoiseDistribution
 from ..core.types import Float64Array
-from ..stages.stage import Chain, converter_of, sample
+from .stage import Chain, ElectronCounter, converter_of, sample
 
 HIGHEST_E = 1e30
 """Mean electrons of a pixel in infinite light."""
@@ -113,21 +113,22 @@ class QuietFrame(Frame):
 
 
 class MuteFrame(QuietFrame):
-    """A frame of stages in front of the count, none of which may draw."""
+    """A frame of stages about the count, none of which may draw."""
 
     def _constant(self, source: str) -> NoReturn:
-        raise NotStraight(f"the noise {source!r} is in front of the shot noise")
+        raise NotStraight(f"the noise {source!r} acts on electrons")
 
 
 class StraightChain(NamedTuple):
     """The parts of a straight chain.
 
     before : from the mean photoelectrons to the mean count.  counted : whether there is shot noise.
-    well_e : the full well, infinite without one.  behind : from the count to the converter.
+    well, well_e : the full well, infinite without one.  behind : from the count to the converter.
     """
 
     before: Chain
     counted: bool
+    well: Chain
     well_e: float
     behind: Chain
 
@@ -143,17 +144,17 @@ class StraightChain(NamedTuple):
         if volts is None:
             raise NotStraight("several read-outs are combined")
         electrons, well_e = list(stages[1:volts]), np.inf
-        limit_e = electrons[-1].saturation_e if electrons else None
-        if limit_e is not None and not electrons[-1].curved:
-            electrons.pop()
-            well_e = limit_e
-        counted = any(stage.counts_electrons for stage in electrons)
+        well: Chain = ()
+        if electrons and electrons[-1].saturation_e is not None:
+            well = (electrons.pop(),)
+            well_e = well[0].saturation_e
+        counted = any(isinstance(stage, ElectronCounter) for stage in electrons)
         last = electrons[-1] if electrons else stages[0]
-        is_poisson = last.counts_electrons and not last.curved
+        is_poisson = isinstance(last, ElectronCounter) and last.is_poisson
         if counted and not is_poisson:
             raise NotStraight(f"{last.label} changes the count of electrons")
         before = tuple(electrons[:-1]) if counted else tuple(electrons)
-        return cls(before, counted, well_e, stages[volts:])
+        return cls(before, counted, well, well_e, stages[volts:])
 
 
 class PixelLine(NamedTuple):
@@ -270,6 +271,7 @@ def line_of(stages: Chain, light: Electrons, frame: Frame) -> PixelLine:
     wide = light.mapped(lambda values: np.minimum(np.asarray(values, np.float64), HIGHEST_E))
     mean = sample(parts.before, replace(wide, by_readout=None), MuteFrame.of(frame))
     rate_e = np.maximum(np.broadcast_to(np.asarray(mean.total, np.float64), shape), 0.0)
+    sample(parts.well, Electrons(rate_e[:1, :1]), MuteFrame.of(frame))  # a clip alone
 
     def ideal(count_e: Array, quiet: QuietFrame) -> Float64Array:
         swing = sample(parts.behind[:-1], Electrons(count_e), quiet)
