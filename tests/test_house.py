@@ -465,7 +465,7 @@ TOKENS_MAX = {
     ".": 8166,
     "bench": 26089,
     "benchmarks": 53962,
-    "camera": 24396,
+    "camera": 24404,
     "cli": 30080,
     "core": 26182,
     "dataset": 71036,
