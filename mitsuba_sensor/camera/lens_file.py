@@ -86,7 +86,7 @@ def _from_json(text: str, name: str) -> Json:
         )
     if not any("semi_aperture" in surface for surface in surfaces):
         return {"name": name, **data}
-    rows = []
+    rows = list[DesignSurface]()
     try:
         for one in surfaces:
             radius, semi, conic = (
@@ -116,7 +116,7 @@ def _from_dat(text: str, name: str) -> Json:
     rows = [line.replace(",", " ").split() for line in lines if not line.startswith("#")]
     if rows and len(rows[0]) == 1:
         rows = rows[1:]
-    surfaces = []
+    surfaces = list[DesignSurface]()
     for row in rows:
         try:
             radius, gap, index, diameter, abbe = map(float, [*row, "0"][: max(len(row), 5)])
