@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 from contextlib import ExitStack
-from importlib import metadata
 from types import ModuleType
 from typing import Self
 
@@ -40,6 +39,8 @@ def is_installed() -> bool:
 
 def name() -> str:
     """Return the name of the library, with its version."""
+    from importlib import metadata  # takes a tenth of a second to import
+
     return f"Open Image Denoise (pyoidn {metadata.version('pyoidn')})"
 
 

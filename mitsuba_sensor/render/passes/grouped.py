@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,7 +37,7 @@ def render_light_groups(
     """Return all groups of a prepared scene, and their sum.  began : on the monotonic clock [s]."""
     lights, part = dict[str, Irradiance](), stop.shared(len(whole.light_groups))
 
-    def tell(step: RenderProgress, name: str) -> None:
+    def tell(name: str, step: RenderProgress) -> None:
         if progress is not None:
             progress(replace(step, light_group=name, seconds=time.monotonic() - began))
 
@@ -44,11 +45,8 @@ def render_light_groups(
         name = group.name
         # No other group has this seed: the noise of two groups is independent.
         own_seed = hashed_seed(seed, 0, int.from_bytes(name.encode(), "little"))
-        lights[name] = whole.of_light_group(group).render(
-            own_seed,
-            part,
-            lambda step, name=name: tell(step, name),  # type: ignore[misc]
-        )
+        one = whole.of_light_group(group)
+        lights[name] = one.render(own_seed, part, partial(tell, name))
     total = sum_of_groups(lights)
     if not total.data.any():
         refuse_black(whole.bands.ends_nm, total.statistics.non_finite, whole.at_rest.findings)

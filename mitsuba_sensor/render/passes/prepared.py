@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Literal, Unpack, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...camera.camera import Camera
 from ...camera.camera_file import AnyCamera, camera_of
@@ -317,7 +318,7 @@ class PreparedRender:
             typical_nm = detected_quarters(weights, spectrum, self.bands.wavelengths_nm)
             rays = rays_for(passes.count * passes.samples)
 
-            def make(seed: int, rows: tuple[int, int]) -> np.ndarray:
+            def make(seed: int, rows: tuple[int, int]) -> NDArray[np.float32]:
                 return trace_guides(self.at_rest, typical_nm, seed, rays, rows)
 
             if isinstance(self.scene, Scene):
