@@ -22,7 +22,7 @@ from ..render.scene.film_and_view import film_area
 from ..render.scene.half_pupil import check_halves
 from ..render.scene.light_groups import AskedGroups, LightGroup, parts_of_light
 from ..render.variants import restores_variant
-from .file import DatasetFile
+from .file import MOST_SAMPLES, DatasetFile
 from .keys import Config, canonical
 from .plan import DatasetPlan, Task, evenly_chosen
 from .scene_entry import Value
@@ -166,6 +166,7 @@ def checked_counts(
     each : called with every task and its number.
     """
     _check_draws(plan.file)
+    _check_size(plan)
     found, keys = Counts(), array("Q")
     lights: dict[str, set[str]] = {}
     for task in plan.tasks():
@@ -185,6 +186,24 @@ def checked_counts(
     if (same := ordered[1:][ordered[1:] == ordered[:-1]]).size:
         _refuse_equal(plan, f"{same[0]:016x}")
     return found
+
+
+def _check_size(plan: DatasetPlan) -> None:
+    """Raise InputError for more samples than can be counted one by one, if no split leaves any out."""
+    serials = max(
+        len(plan.splits.serials(split, row, camera))
+        for split in plan.splits.names
+        for row in plan.sweeps[0].rows
+        for camera in range(len(plan.file.cameras))
+    )
+    lights = sum(sweep.lights // len(sweep.draws) * sweep.draws.all for sweep in plan.sweeps)
+    exposures = max(sweep.cells_of_exposure for sweep in plan.sweeps)
+    samples = lights * exposures * len(plan.pairs) * serials
+    if samples > MOST_SAMPLES:
+        raise InputError(
+            f"the dataset has {samples} samples; it can have at most {MOST_SAMPLES}: make several datasets, or draw "
+            "values at random instead of every combination."
+        )
 
 
 def _refuse_equal(plan: DatasetPlan, key: str) -> None:

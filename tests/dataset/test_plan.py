@@ -245,6 +245,8 @@ def test_samples_of_a_light_with_many_are_several_tasks_of_one_light() -> None:
         {"cameras": [{"camera": "konnik_table1", "name": name} for name in ("a", "b")]},
         {"scenes": [{**TABLES["scenes"][0], "views": [POSE, POSE]}]},
         {"grid": {"f_number": [4, 4.0]}},
+        {"grid": {"parameters.radiance": [1, "1"]}},
+        {"list": [{"serial": 1}, {}]},
     ],
 )
 def test_two_samples_that_are_one_are_refused_with_both_places(tables: dict[str, Any]) -> None:

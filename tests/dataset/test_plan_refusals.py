@@ -15,9 +15,9 @@ from helpers.marks import exhaustive
 from mitsuba_sensor import InputError
 from mitsuba_sensor.dataset import make_dataset
 from mitsuba_sensor.dataset.cameras import Folders
-from mitsuba_sensor.dataset.checks import check_scenes
+from mitsuba_sensor.dataset.checks import Counts, check_scenes, checked_counts
 from mitsuba_sensor.dataset.file import read_dataset
-from mitsuba_sensor.dataset.plan import Counts, DatasetPlan, checked_counts
+from mitsuba_sensor.dataset.plan import DatasetPlan
 from mitsuba_sensor.dataset.run import run
 
 Cli = Callable[..., Any]
