@@ -244,7 +244,6 @@ def test_light_that_is_too_bright_and_missing_pictures_are_in_the_card(tmp_path:
     text = FILE[: FILE.index("grid")].replace(', "preview", "aovs"', "").replace('"raw", ', "")
     text = text.replace("width = 24", "width = 8")
     scenes = '[[scenes]]\nname = "sky"\nfile = "scene.xml"\n'
-    dark = f"{scenes.replace('sky', 'dark')}parameters = {{ none = 1 }}\n"
     (tmp_path / "sky.toml").write_text(text + scenes, "utf-8")
     found = make_dataset(tmp_path / "sky.toml", tmp_path / "out", roots=[tmp_path], workers=0)
     (remark,) = found.remarks
