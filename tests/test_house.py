@@ -70,6 +70,7 @@ IMPORTED_IN = {
         "dataset/read.py",
         "dataset/store.py",
         "dataset/run.py",
+        "dataset/facts.py",
     ),
     "distributed": ("dataset/engine.py",),
     "pebble": ("dataset/engine.py",),
@@ -451,7 +452,7 @@ TOKENS_MAX = {
     "camera": 25726,
     "cli": 29736,
     "core": 27723,
-    "dataset": 45310,
+    "dataset": 45325,
     "examples": 18878,
     "files": 19405,
     "gradient": 4252,
@@ -464,7 +465,7 @@ TOKENS_MAX = {
     "sensor": 14679,
     "stages": 34199,
     "study": 16929,
-    "tests": 516204,
+    "tests": 516220,
     "theory": 18636,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

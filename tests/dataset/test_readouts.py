@@ -1,4 +1,4 @@
-"""Datasets of cameras with several readouts or polarisers: combined code, readouts and companded codes, made and read back."""
+"""Datasets of cameras with several readouts, made and read back: combined code, companded codes; polarisers."""
 
 from __future__ import annotations
 
