@@ -70,6 +70,7 @@ IMPORTED_IN = {
         "dataset/read.py",
         "dataset/store.py",
         "dataset/run.py",
+        "dataset/facts.py",
     ),
     "distributed": ("dataset/engine.py",),
     "pebble": ("dataset/engine.py",),

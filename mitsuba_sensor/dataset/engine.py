@@ -26,7 +26,7 @@ from ..core import DiskFull, InputError
 from ..files import worker_log
 from ..files.memory import TOO_MUCH_MEMORY, memory_limit
 from ..stopping import end_quietly, signals_held, undo_when_terminated, undone_if_stopped
-from .keys import Config, made_by
+from .keys import Config, Facts, made_by
 from .options import RunOptions
 from .plan import Task
 from .store import Record, Store
@@ -185,7 +185,7 @@ def _death(future: futures.Future[Ended]) -> _Death | None:
 
 
 def _pool(job: Job, options: RunOptions) -> AbstractContextManager[Pool]:
-    limits = [name for name in ("timeout_s", "memory_gb") if options[name] is not None]  # type: ignore[literal-required]
+    limits = [name for name in ("timeout_s", "memory_gb") if options[name] is not None]
     if options["scheduler"] is not None:
         if limits:
             raise InputError(
@@ -227,7 +227,7 @@ def _processes(job: Job, workers: int, timeout_s: float | None) -> Iterator[Pool
                 lambda: 2 * workers,  # the one that it makes, and one that waits for it
             )
         finally:
-            pool.stop()
+            pool.stop()  # type: ignore[no-untyped-call]
             pool.join()
 
 
@@ -264,7 +264,7 @@ def _begin_tracker() -> None:
 def _without_main() -> Iterator[None]:
     """Processes that begin meanwhile do not run the main script again, which may have no guard, or no file."""
     main = sys.modules["__main__"]
-    known = {
+    known: Facts = {
         name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)
     }
     main.__spec__ = None

@@ -243,7 +243,9 @@ class SensorNoise:
     def _saturation_note(self, photons: Photons, draw: Draw) -> str:
         """Where many pixels are saturated: how many electrons the camera holds, and what helps."""
         camera = self.camera.at_gain(draw.gain)
-        efficiency = camera.qe([self.light_nm])[:, 0][camera.filter_index(photons.shape[:2])]
+        efficiency = camera.qe([self.light_nm])[:, 0][
+            camera.filter_index((photons.shape[0], photons.shape[1]))
+        ]
         share = saturated_share(photons.mean[..., 0] * efficiency, camera, self.exposure)
         if share < SATURATED_PIXELS:
             return ""

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from copy import copy
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +90,13 @@ class Table(Sequence[Line]):
     def __len__(self) -> int:
         return self._rows.rows if self._chosen is None else len(self._chosen)
 
-    def __getitem__(self, number: int | slice) -> Line | list[Line]:  # type: ignore[override]
+    @overload
+    def __getitem__(self, number: int) -> Line: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> list[Line]: ...
+
+    def __getitem__(self, number: int | slice) -> Line | list[Line]:
         places = range(len(self))
         if isinstance(number, slice):
             return [self.line(place) for place in places[number]]

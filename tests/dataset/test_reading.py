@@ -238,18 +238,17 @@ def test_a_run_that_changes_nothing_leaves_them_and_writes_again_what_is_missing
     (made / "kept").rename(made / "README.md")
 
 
-def test_light_that_is_too_bright_and_missing_samples_are_in_the_card(tmp_path: Path) -> None:
+def test_light_that_is_too_bright_and_missing_pictures_are_in_the_card(tmp_path: Path) -> None:
     """A sky of 7.3e9 cd/m² is metered to nanoseconds; without pictures there is no sheet."""
     write_scene(tmp_path, scene_text(SKY.replace("2e-4", "1e5")))
     text = FILE[: FILE.index("grid")].replace(', "preview", "aovs"', "").replace('"raw", ', "")
     text = text.replace("width = 24", "width = 8")
     scenes = '[[scenes]]\nname = "sky"\nfile = "scene.xml"\n'
-    dark = f"{scenes.replace('sky', 'dark')}parameters = {{ none = 1 }}\n"
     (tmp_path / "sky.toml").write_text(text + scenes, "utf-8")
     found = make_dataset(tmp_path / "sky.toml", tmp_path / "out", roots=[tmp_path], workers=0)
     (remark,) = found.remarks
     card = (tmp_path / "out/README.md").read_text("utf-8")
-    assert "metered exposure time is" in remark and remark in card and dark
+    assert "metered exposure time is" in remark and remark in card
     assert "no contact sheet: neither `preview` nor `raw`" in card
     assert not (tmp_path / "out/contact_sheet.png").exists()
 

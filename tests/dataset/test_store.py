@@ -65,11 +65,16 @@ def test_a_shard_is_flushed_then_renamed_then_its_folder_is_flushed(
     make_quickly(store, plan.record(2), next(plan.tasks()))
     (shard,) = store.finished().values()
     store.put_aside(shard)
-    names = {"rename": lambda path: os.path.dirname(path) or ".", "make": os.path.dirname}
     for place, (what, path) in enumerate(calls):
         if what != "flush":
-            folder = names[what](path) or "."
-            assert ("flush", folder) in calls[place:], f"the name of {path} is not flushed"
+            later = [
+                number
+                for number in range(place + 1, len(calls))
+                if calls[number][0] == "rename"
+            ]
+            before_the_next = calls[place : later[0] if later else None]
+            name = f"the name of {path} is not flushed"
+            assert ("flush", os.path.dirname(path) or ".") in before_the_next, name
     assert [path for what, path in calls if what == "rename"] == [
         f"a/out/{RECORD}",
         f"a/out/shards/{shard.name}",

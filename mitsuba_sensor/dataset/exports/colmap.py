@@ -30,7 +30,7 @@ def write(job: Job) -> str:
         for number, (sample, calibration, pose) in enumerate(samples, 1):
             name = job.picture(sample, f"{world}/images/{sample.key}")
             to_camera = np.linalg.inv(pose)
-            place = (*quaternion(to_camera[:3, :3]), *to_camera[:3, 3].tolist())
+            place = (*quaternion(to_camera[:3, :3].astype(float)), *to_camera[:3, 3].tolist())
             images += [_line(number, *place, numbers[calibration], name), "\n"]
         folder = f"{world}/sparse/0"
         job.text(

@@ -66,7 +66,7 @@ class Job:
     @property
     def shard_bytes(self) -> int:
         """Largest size of a file."""
-        return self.options["shard_mb"] * MB
+        return int(self.options["shard_mb"]) * MB
 
     def done(self, samples: int = 1) -> None:
         """So many more samples are written, or left out."""

@@ -56,7 +56,7 @@ def calibrations(sequence: ImageSequence) -> tuple[str, str]:
         calibration = frames[0].calibration
         from_first = np.linalg.inv(sequence.pose_in_first(name))
         projections.append(_row("", calibration.matrix @ from_first[:3]))
-        facts = {
+        facts: dict[str, ArrayLike] = {
             "S": (calibration.columns, calibration.rows),
             "K": calibration.matrix,
             "D": calibration.distortion,

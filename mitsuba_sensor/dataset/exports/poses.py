@@ -191,7 +191,7 @@ def _sequences_of(
                 f"views of scene {scene} have no times of their own: its frames are {FRAME_PERIOD_S:g} s apart"
             )
     else:
-        order = np.argsort(times)
+        order = np.argsort(np.array(times, float))
         times_s = np.array(times, float)[order]
         times_s, views = times_s - times_s[0], [views[place] for place in order]
     rest = [
