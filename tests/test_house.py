@@ -462,26 +462,26 @@ def test_help_cameras_and_completion_import_only_what_they_show() -> None:
 LINES_OF_A_MODULE, FORMATTED_BY_HAND, ANY, PARAMETERS = 420, 10, 300, 8
 
 TOKENS_MAX = {
-    ".": 8724,
+    ".": 8712,
     "bench": 26089,
     "benchmarks": 53951,
-    "camera": 25716,
-    "cli": 30369,
+    "camera": 25726,
+    "cli": 30383,
     "core": 27723,
-    "dataset": 71036,
+    "dataset": 71020,
     "examples": 18893,
     "files": 22831,
     "gradient": 4252,
     "lab": 90509,
-    "optics": 17500,
+    "optics": 17503,
     "output": 24523,
     "pages": 3609,
-    "render": 101328,
+    "render": 97307,
     "reproduction": 11887,
     "sensor": 14679,
     "stages": 34199,
     "study": 16929,
-    "tests": 573299,
+    "tests": 562756,
     "theory": 18636,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

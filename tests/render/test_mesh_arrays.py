@@ -15,7 +15,7 @@ from mitsuba_sensor.render.light.bands import choose_bands
 from mitsuba_sensor.render.motion.motion import read_motion
 from mitsuba_sensor.render.motion.moving_scene import AnimatedTransforms
 from mitsuba_sensor.render.scene.scene import load_scene
-from mitsuba_sensor.render.scene.scene_edits import NORMALS, POSITIONS, vertex_arrays
+from mitsuba_sensor.render.scene.scene_edits import NORMALS, POSITIONS
 from mitsuba_sensor.render.variants import choose_variant, use
 
 GLOW = '<emitter type="area"><spectrum name="radiance" value="360:1, 830:1"/></emitter>'
@@ -26,15 +26,6 @@ MOVED = {
     "pivot_m": [0, 0, 5],
 }
 TURNED = read_motion({"objects": {"it": MOVED}})
-
-
-def test_both_pairs_of_names_are_found() -> None:
-    """Of the shape that is asked for; a mesh without normals has positions alone, a sphere has neither."""
-    for position, normal in zip(POSITIONS, NORMALS, strict=True):
-        named = {f"it.{position}": [], f"it.{normal}": [], "other.positions": []}
-        assert vertex_arrays(named, "it") == (f"it.{position}", f"it.{normal}")
-        assert vertex_arrays({f"it.{position}": []}, "it") == (f"it.{position}", None)
-    assert vertex_arrays({"it.to_world": [], "other.positions": []}, "it") is None
 
 
 class Renamed:

@@ -6,7 +6,6 @@ Seeds are fixed. The chance of a false alarm is stated where a bound is statisti
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from helpers.scenes import skip_unless_usable
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Float64Array
-from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
 from mitsuba_sensor.render.lint.lint import DEPOLARISING
 from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.variants import mitsuba
@@ -169,15 +167,6 @@ def test_glass_polarises_as_fresnel_says(incidence_deg: float, expected: float) 
     assert aolp_deg(light) == pytest.approx(0, abs=0.2)
 
 
-@pytest.mark.parametrize("roll_deg", one_in(2, [-45.0, 20.0, 70.0, 90.0]))
-def test_a_rotated_camera_sees_the_rotated_angle(roll_deg: float) -> None:
-    """The horizon of a camera that is rolled clockwise turns counter-clockwise in its picture, and the angle of the
-    light that is reflected with it, within 2°, five standard errors."""
-    light = ms.render(floor_seen_at(60.0, roll_deg), MOSAIC, EXPOSURE, **{**FEW, "spp": 256})
-    off = (aolp_deg(light) - roll_deg + 90) % 180 - 90
-    assert abs(off) < 2.0 and dolp(light) > 0.9
-
-
 def test_a_mirrored_picture_has_the_mirrored_angle() -> None:
     mi = mitsuba()
     mi.set_variant(POLARIZED)
@@ -227,14 +216,6 @@ def test_a_circular_polariser_has_no_angle_and_no_light_is_negative() -> None:
     assert dolp(crossed) == pytest.approx(1, abs=1e-5)
 
 
-@pytest.mark.parametrize("ratio", [1.0, 3.0, 300.0])
-def test_a_finite_extinction_ratio_shows_as_less_polarisation(ratio: float) -> None:
-    """(r − 1)/(r + 1) of it; none at 1."""
-    camera = MOSAIC.replace(**{"sensor.extinction_ratio": ratio})
-    light = ms.render(scene(plate(30.0)), camera, EXPOSURE, **FEW)
-    assert dolp(light) == pytest.approx((ratio - 1) / (ratio + 1), abs=2e-5)
-
-
 def test_an_extinction_ratio_by_wavelength_is_that_of_each_band() -> None:
     points = MOSAIC.quantum_efficiency.wavelengths_nm
     ratios = np.interp(points, [500.0, 600.0], [3.0, 9.0])
@@ -260,34 +241,6 @@ def test_without_extinction_the_sensor_is_behind_a_grey_filter() -> None:
     for frames, camera in ((behind, grey), (ideal, MOSAIC)):
         assert frames.photoelectrons.mean() == pytest.approx(mean_e / 2, rel=2e-3)
         assert camera.qe(550) == pytest.approx(PLAIN.qe(550) / 2)
-
-
-def test_photons_of_an_array_are_unpolarised_and_a_note_says_so() -> None:
-    light = np.full((40, 60), 8000.0)
-    camera = MOSAIC.replace(
-        **{"sensor.extinction_ratio": 4.0, "sensor.polarizer_transmission": 0.8}
-    )
-    frames = ms.expose(light, camera, EXPOSURE, wavelengths_nm=550, keep="photoelectrons")
-    expected = 8000 * PLAIN.qe(550)[0] * 0.5 * 0.8 * 1.25
-    # five standard errors of 2400 pixels
-    assert frames.photoelectrons.mean() == pytest.approx(
-        expected, abs=5 * math.sqrt(expected / 2400)
-    )
-    assert any(
-        "taken as unpolarised" in note and "0.5 of it" in note for note in frames.exposure_notes
-    )
-
-
-def test_a_crop_is_a_part_of_the_whole_mosaic() -> None:
-    names = {"crop_offset_x": 3, "crop_offset_y": 5, "crop_width": 20, "crop_height": 10}
-    crop = "".join(
-        f'<integer name="{name}" value="{number}"/>' for name, number in names.items()
-    )
-    whole, part = (
-        ms.render(scene(plate(30.0), crop=one), MOSAIC, EXPOSURE, **FEW) for one in ("", crop)
-    )
-    assert part.origin == (5, 3)
-    np.testing.assert_allclose(part.data, whole.data[5:15, 3:23], rtol=1e-3)
 
 
 def test_colour_filters_and_polarisers_repeat_each_in_their_own_tile() -> None:
@@ -334,20 +287,6 @@ def test_a_camera_without_polarisers_sees_all_light_of_a_scene_that_polarises() 
     assert render_aovs(one, PLAIN).depth_m.shape == (24, 32)
 
 
-def test_ignored_polarisation_is_unpolarised_light() -> None:
-    light = ms.render(scene(plate(30.0)), MOSAIC, EXPOSURE, ignore_polarization=True, **FEW)
-    assert light.polarizers is None and light.statistics.variant == LLVM
-    assert light.data.std() < 1e-3 * light.data.mean()
-
-
-def test_a_file_keeps_the_light_behind_the_polarisers(tmp_path: Path) -> None:
-    light = ms.render(scene(plate(30.0)), MOSAIC, EXPOSURE, **FEW)
-    write_irradiance_exr(tmp_path / "light.exr", light)
-    again = read_irradiance_exr(tmp_path / "light.exr")
-    assert again.polarizers == light.polarizers is not None
-    np.testing.assert_array_equal(ms.expose(light).digital, ms.expose(again).digital)
-
-
 def test_light_behind_polarisers_is_for_the_same_polarisers_at_the_same_place() -> None:
     light = ms.render(scene(plate(30.0)), MOSAIC, EXPOSURE, **FEW)
     other = MOSAIC.replace(**{"sensor.extinction_ratio": 5})
@@ -388,10 +327,3 @@ def test_every_lens_works_with_polarisers(lens: dict[str, Any]) -> None:
     light = ms.render(scene(plate(30.0)), camera, EXPOSURE, **{**FEW, "spp": 64})
     assert aolp_deg(light) == pytest.approx(-30, abs=0.5)
     assert dolp(light) == pytest.approx(1, abs=0.01)
-
-
-def test_scalar_and_compiled_variants_agree() -> None:
-    text = scene(plate(30.0), size=(8, 6))
-    light = ms.render(text, MOSAIC, EXPOSURE, variant="scalar_spectral_polarized", **FEW)
-    assert aolp_deg(light) == pytest.approx(-30, abs=0.01)
-    assert dolp(light) == pytest.approx(1, abs=1e-4)

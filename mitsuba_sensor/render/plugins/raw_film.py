@@ -116,8 +116,10 @@ def _film_class(variant: str) -> MitsubaObject:
             return mi.Bitmap(self._frame()[..., None])
 
         def write(self, path: Any) -> None:
-            """The raw frame as float32, in an EXR for example."""
-            mi.Bitmap(self._frame().astype(np.float32)[..., None]).write(str(path))
+            """The raw frame as whole numbers in a PNG, and as float32 in any other file, an EXR for example."""
+            is_png = str(path).lower().endswith(".png")
+            frame = self._frame() if is_png else self._frame().astype(np.float32)
+            mi.Bitmap(frame[..., None]).write(str(path))
 
         def clear(self) -> None:
             """Forget the frame."""
