@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,6 @@ from helpers.scenes import (
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.infrared.materials import materials
-from mitsuba_sensor.render.passes.statistics import RenderStatistics
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
 VISIBLE = ms.load_camera("konnik_table1")  # 400 to 700 nm
@@ -206,22 +204,6 @@ def test_a_colour_keeps_its_name_for_traverse(variant: str) -> None:
     at_700 = reflectance(scene(RGB), 700.0)
     held = reflectance(scene(RGB), variant=variant, traverse=same)
     assert held == pytest.approx(at_700, rel=0.005)
-
-
-def test_the_electrons_that_rest_on_a_rule_are_those_of_the_frame() -> None:
-    """One band at 850 nm: all of them, and on average as many DN as the frame has above black. Of 400 pixels of at
-    least 1000 e- the mean is known to 0.2 %, a fifth of the tolerance."""
-    options: dict[str, Any] = {**SMALL, "width": 12, "infrared": VEGETATION}
-    light = ms.render(scene(RGB), INFRARED, EXPOSURE, wavelength_nm=850, **options)
-    (rest,) = light.statistics.beyond_data
-    frames, black = (
-        ms.expose(replace(light, data=data), INFRARED, EXPOSURE, frames=4)
-        for data in (light.data, 0 * light.data)
-    )
-    above_black = frames.digital.mean() - black.digital.mean()
-    assert rest["share"] == pytest.approx(1) and rest["filter"] == "mono"
-    assert rest["dn"] == pytest.approx(above_black, rel=0.01)
-    assert RenderStatistics.from_dict(light.statistics.to_dict()).beyond_data == (rest,)
 
 
 def test_the_measured_materials_begin_at_700_nm_and_have_sources() -> None:

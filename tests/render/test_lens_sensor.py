@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.lens_oracle import AXIAL_IRRADIANCE, DOUBLE_GAUSS, irradiance
-from helpers.scenes import SKY, scalar_first, scene_text, skip_unless_usable, write_scene
+from helpers.scenes import SKY, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.optics.intrinsics import intrinsics
@@ -149,43 +149,6 @@ def test_what_is_in_focus_is_sharp_and_what_is_nearer_is_blurred_by_the_pupil(
     pupil_m = cardinal_points(cam.lens).entrance_radius * 1e-3
     assert spread[0] < 0.02 * pupil_m
     assert spread[1] == pytest.approx(pupil_m / 2, rel=0.06)
-
-
-def test_scalar_and_llvm_trace_the_same_rays(tmp_path: Path) -> None:
-    """Two rays of each of three places, to float32."""
-    found = []
-    for variant in ("scalar_spectral", LLVM):
-        scene = load(tmp_path, camera(3.0), variant)
-        found.append(
-            [
-                rays(scene, place, EDGE[:2] * 0.8)
-                for place in ((0.5, 0.5), (0.2, 0.7), (0.95, 0.95))
-            ]
-        )
-    for scalar, llvm in zip(*found, strict=True):
-        for ours, theirs in zip(scalar, llvm, strict=True):
-            np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=2e-6)
-
-
-@scalar_first
-@pytest.mark.parametrize("lens", [{}, {"prescription": None, "distortion": [-0.2, 0, 0, 0, 0]}])
-def test_a_sensor_that_is_moved_takes_its_lens_along(
-    tmp_path: Path, variant: str, lens: dict[str, Any]
-) -> None:
-    """Through the parameters of this sensor, and of the one in the scene."""
-    scene = load(tmp_path, camera(0.75, **lens), variant)
-    mi = use(choose_variant(variant))
-    start, ahead, _ = rays(scene, (0.3, 0.4), EDGE[:1])
-    for number, owner in enumerate((scene.sensor, scene.mitsuba_scene.sensors()[0]), start=1):
-        parameters = mi.traverse(owner)
-        parameters["to_world"] = type(parameters["to_world"])(
-            mi.ScalarTransform4f().translate([0.0, 5.0 * number, 0.0]).rotate([0, 1, 0], 90)
-        )
-        parameters.update()
-        moved, ways, _ = rays(scene, (0.3, 0.4), EDGE[:1])
-        turned = np.array([start[0][2], start[0][1] + 5.0 * number, -start[0][0]])
-        np.testing.assert_allclose(moved[0], turned, atol=1e-5)
-        np.testing.assert_allclose(ways[0], [ahead[0][2], ahead[0][1], -ahead[0][0]], atol=1e-5)
 
 
 def test_dispersion_refracts_blue_light_more_by_the_makers_index(tmp_path: Path) -> None:

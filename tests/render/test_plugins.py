@@ -177,55 +177,6 @@ def test_defaults_and_given_parameters_reach_both_elements(tmp_path: Path) -> No
         assert view == pytest.approx(fov_deg(focal * 1e-3), rel=1e-6)
 
 
-def test_setup_holds_what_the_file_says(tmp_path: Path) -> None:
-    lens = (
-        LENS
-        + FOCUS
-        + '<string name="pupil_convention" value="planar"/><float name="pupil_magnification" value="1.5"/>'
-    )
-    film = NAME + SIZE + (
-        '<float name="exposure_s" value="0.02"/><float name="temperature_k" value="310"/>'
-        '<integer name="seed" value="7"/><integer name="serial" value="9"/><float name="wavelength_nm" value="600"/>'
-        '<float name="bandwidth_nm" value="5"/><string name="spectral" value="cube"/>'
-        '<float name="pixel.prnu" value="0.02"/>'
-    )  # fmt: skip
-    lens += '<float name="transmission" value="0.8"/>'
-    settings = read_settings(write_scene(tmp_path, one_file(lens, film)), {})
-    assert settings.exposure == ms.Exposure(0.02, 310.0)
-    assert (settings.seed, settings.serial, settings.wavelength_nm, settings.bandwidth_nm) == (
-        7,
-        9,
-        600.0,
-        5.0,
-    )
-    assert (settings.spectral, settings.focus_distance_m, settings.unit_m) == (
-        "cube",
-        3.0,
-        None,
-    )
-    expected = {
-        "lens.f_number": 2.0,
-        "lens.convention": "planar",
-        "lens.pupil_magnification": 1.5,
-    }
-    fields = {**expected, "lens.transmission": 0.8, "pixel.prnu": 0.02}
-    sources = {**CAMERA.sources, **dict.fromkeys(fields, "set by the scene file")}
-    assert settings.camera == CAMERA.replace(**fields, sources=sources)
-
-
-def test_fields_of_the_file_fit_another_camera_too(tmp_path: Path) -> None:
-    """A camera from elsewhere takes the lens of the scene; a prescription takes focal length and focus too."""
-    settings = read_settings(write_scene(tmp_path, one_file(LENS + FOCUS, SIZE)), {})
-    other = ms.load_camera("eev_44_82")
-    assert (
-        settings.camera is None
-        and settings.applied_to(other).lens.f_number == 2
-        and settings.applied_to(other).pixel == other.pixel
-    )
-    lens = settings.applied_to(other.replace(**{"lens.prescription": "double_gauss"})).lens
-    assert (lens.focal_length_mm, lens.focus_m) == (0.05, 3.0)
-
-
 def test_a_gain_setting_is_that_of_the_camera_of_the_film(tmp_path: Path) -> None:
     """What the film sets beside it comes after it, and another camera does not get it."""
     film = '<string name="camera" value="sony_a7s2"/><integer name="gain" value="800"/>'

@@ -137,24 +137,6 @@ def test_the_materials_that_depolarise_are_those_that_lint_names() -> None:
     assert unpolarised == {*DEPOLARISING} - {"measured"} | UNPOLARISED
 
 
-def test_materials_that_depolarise_are_named_of_a_loaded_scene() -> None:
-    """Also inside others; and none of those that polarise."""
-    mi = mitsuba()
-    mi.set_variant("scalar_spectral_polarized")
-    kinds = sorted({*DEPOLARISING} - {"measured"})
-    shapes = {
-        kind: {"type": "sphere", "center": [0, 0, -9], "bsdf": {"type": kind}}
-        for kind in (*kinds, *POLARISE)
-    }
-    shapes["plastic"]["bsdf"] = {"type": "twosided", "bsdf": {"type": "plastic"}}
-    film = {"type": "hdrfilm", "width": 4, "height": 4}
-    view = {"sensor": {"type": "perspective", "film": film}, "sky": {"type": "constant"}}
-    loaded = mi.load_dict({"type": "scene", **view, **shapes})
-    notes = ms.render(loaded, MOSAIC, EXPOSURE, **{**FEW, "spp": 1}).notes
-    (note,) = (one for one in notes if "Mitsuba depolarises" in one)
-    assert f"what {', '.join(map(repr, kinds))} reflects" in note
-
-
 @pytest.mark.parametrize(
     ("incidence_deg", "expected"), [exhaustive(56.31, 1.0), (70.0, 0.7516)]
 )
@@ -165,20 +147,6 @@ def test_glass_polarises_as_fresnel_says(incidence_deg: float, expected: float) 
     light = ms.render(text, MOSAIC, EXPOSURE, **{**FEW, "spp": 1024})
     assert dolp(light) == pytest.approx(expected, rel=2e-3)
     assert aolp_deg(light) == pytest.approx(0, abs=0.2)
-
-
-def test_a_mirrored_picture_has_the_mirrored_angle() -> None:
-    mi = mitsuba()
-    mi.set_variant(POLARIZED)
-    own = mi.load_string(scene(plate(30.0)))
-    pose = mi.traverse(own.sensors()[0])["to_world"].matrix
-    flipped = np.array(pose).reshape(4, 4) @ np.diag([-1.0, 1.0, 1.0, 1.0])
-    matrix = " ".join(map(str, flipped.ravel()))
-    text = scene(plate(30.0))
-    start, end = text.index("<lookat"), text.index("</transform><film")
-    mirrored = f'{text[:start]}<matrix value="{matrix}"/>{text[end:]}'
-    angles = [aolp_deg(ms.render(one, MOSAIC, EXPOSURE, **FEW)) for one in (text, mirrored)]
-    assert angles[0] == pytest.approx(-angles[1], abs=0.01) and abs(angles[0]) > 29
 
 
 def test_it_is_the_light_of_mitsubas_stokes_vectors() -> None:

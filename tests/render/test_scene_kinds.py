@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import BALL, SCENES, SKY, scalar_first, scene_text, skip_unless_usable
+from helpers.scenes import BALL, SCENES, SKY, scalar_first, skip_unless_usable
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.plugins import plugin_hook
-from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
+from mitsuba_sensor.render.variants import choose_variant, use
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
 CORNELL = SCENES / "cornell_box.xml"
@@ -312,27 +311,6 @@ def test_what_is_no_scene_is_one_sentence() -> None:
         ms.InputError, match="integrator is given and 'integrator' of the dict is one already"
     ):
         ms.render(given, CAMERA, EXPOSURE, integrator="direct")
-
-
-def test_polarising_materials_of_a_scene_loaded_without_polarisation_are_refused() -> None:
-    mi = ready("scalar_spectral")
-    scene = mi.load_string(scene_text(SKY, BALL.format(bsdf='<bsdf type="circular"/>')))
-    with pytest.raises(ms.InputError, match="polarises light"):
-        ms.render(scene, CAMERA, EXPOSURE)
-
-
-def test_relative_files_of_text_are_looked_for_in_the_working_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    mi = ready("scalar_spectral")
-    mi.Bitmap(np.full((2, 2, 3), 0.5, np.float32)).write(str(tmp_path / "grey.exr"))
-    bsdf = '<bsdf type="diffuse"><texture name="reflectance" type="bitmap"><string name="filename" value="grey.exr"/>'
-    text = scene_text(SKY, BALL.format(bsdf=f"{bsdf}</texture></bsdf>"))
-    with pytest.raises(ms.InputError, match=r"scene 'XML text' lacks a file: grey\.exr"):
-        ms.render(text, CAMERA, EXPOSURE, spp=1)
-    monkeypatch.chdir(tmp_path)
-    assert ms.render(text, CAMERA, EXPOSURE, spp=1).data.any()
-    assert mitsuba() is mi
 
 
 @pytest.mark.parametrize("kind", ["tensor", "bitmap"])

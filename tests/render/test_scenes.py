@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.scenes import BALL, SCENES, SHIPPED, SKY, read_settings, scene_text, write_scene
+from helpers.scenes import BALL, SCENES, SHIPPED, SKY, scene_text, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.light.bands import box_bands
@@ -92,25 +92,6 @@ def test_still_life_is_well_exposed() -> None:
     assert 0.1 < np.median(well) < 0.5 and (well > 1).mean() < 0.1
 
 
-def test_one_file_is_well_exposed_by_its_own_camera() -> None:
-    """The median pixel stands between a tenth and a half of full well, nothing saturates."""
-    settings = read_settings(SCENES / "one_file.xml", {})
-    assert settings.camera is not None and settings.exposure is not None
-    light = ms.render(
-        SCENES / "one_file.xml",
-        settings.camera,
-        settings.exposure,
-        spp=8,
-        bandwidth_nm=50,
-        variant="scalar_spectral",
-    )
-    photons = ms.collect(light, settings.camera, settings.exposure)
-    well = (photons.mean * settings.camera.qe(light.wavelengths_nm)[0]).sum(
-        axis=-1
-    ) / settings.camera.pixel.full_well_e
-    assert 0.1 < np.median(well) < 0.5 and np.percentile(well, 99) < 1
-
-
 def test_foreign_rgb_scene_renders_and_the_user_is_told(tmp_path: Path) -> None:
     """rgb colours, hdrfilm, gaussian filter, independent sampler, two sensors, an aov integrator: all still loads."""
     text = scene_text(
@@ -147,26 +128,6 @@ def test_parameters_reach_the_scene_and_its_fingerprint(tmp_path: Path) -> None:
     small, same, large = (load_scene(path, BANDS, {"width": w}) for w in (4, "4", 5))
     assert (small.view.size, large.view.size) == ((4, 256), (5, 256))
     assert small.sha256 == same.sha256 != large.sha256
-
-
-def test_folders_that_the_scene_names_are_searched_and_no_later_scene_sees_them(
-    tmp_path: Path,
-) -> None:
-    """<path value="…"/>, relative to the scene file, as plain Mitsuba reads it."""
-    mi = use(choose_variant("scalar_spectral"))
-    (tmp_path / "pictures").mkdir()
-    mi.Bitmap(np.full((2, 2, 3), 128, np.uint8)).write(str(tmp_path / "pictures" / "grey.png"))
-    texture = (
-        '<bsdf type="diffuse"><texture type="bitmap" name="reflectance">'
-        '<string name="filename" value="grey.png"/></texture></bsdf>'
-    )
-    before, ball = str(mi.file_resolver()), BALL.format(bsdf=texture)
-    assert load_scene(
-        write_scene(tmp_path, scene_text('<path value="pictures"/>', SKY, ball)), BANDS, {}
-    )
-    assert str(mi.file_resolver()) == before
-    with pytest.raises(ms.InputError, match=r"grey\.png"):
-        load_scene(write_scene(tmp_path, scene_text(SKY, ball)), BANDS, {})
 
 
 @pytest.mark.parametrize(
