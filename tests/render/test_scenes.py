@@ -162,6 +162,10 @@ def test_parameters_reach_the_scene_and_its_fingerprint(tmp_path: Path) -> None:
         ),
         (scene_text(SKY, '<include filename="no.xml"/>'), "no.xml"),
         (scene_text(SKY, film='<integer name="crop_width" value="99"/>'), "crop"),
+        (
+            scene_text(SKY, film='<float name="crop_width" value="2.5"/>'),
+            "2.5; it must be a whole",
+        ),
         (scene_text(SKY, '<integrator type="depth"/>'), "computes no radiance"),
         (
             scene_text(SKY, sensor='<sensor type="irradiancemeter"/>'),
