@@ -451,7 +451,7 @@ TOKENS_MAX = {
     "camera": 25726,
     "cli": 27750,
     "core": 27723,
-    "dataset": 71036,
+    "dataset": 71020,
     "examples": 18893,
     "files": 22240,
     "gradient": 4252,

@@ -10,7 +10,6 @@ from functools import cache
 from importlib import resources
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
 from ..core import Float32Array, Float64Array, require
@@ -108,7 +107,7 @@ def photopic(wavelengths_nm: ArrayLike) -> Float64Array:
 def luminous(wavelengths_nm: Float64Array, radiometric: Float64Array) -> float:
     """Photometric value of a spectrum: W m⁻² nm⁻¹ → lux, W m⁻² sr⁻¹ nm⁻¹ → cd/m²."""
     seen = radiometric * photopic(wavelengths_nm)
-    return float(LUMENS_PER_WATT * scipy.integrate.trapezoid(seen, wavelengths_nm))
+    return float(LUMENS_PER_WATT * np.trapezoid(seen, wavelengths_nm))
 
 
 def surfaces(wavelengths_nm: ArrayLike) -> Float64Array:

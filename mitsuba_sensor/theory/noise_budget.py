@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..core import Array, Electrons, Frame
-from ..core.html import Bar, bar, fragment, table
+from ..core.html import Table, fragment
 from ..core.types import Float64Array
 from ..sensor.run import strips_of
 from ..sensor.threads import for_each
@@ -167,22 +167,9 @@ class NoiseBudget:
         return "\n".join([*text, *below])
 
     def _repr_html_(self) -> str:
-        rows = self.rows
-        most = max(
-            (abs(v) for row in rows[:-1] for v in (row.temporal_dn2, row.spatial_dn2)),
-            default=0.0,
-        )
-
-        def sigma(variance_dn2: float, text: str) -> Bar:
-            return bar(min(abs(variance_dn2) / (most or 1.0), 1.0), text)
-
-        lines = []
-        for row in rows:
-            mean, temporal, spatial, share = row.cells
-            sigmas = sigma(row.temporal_dn2, temporal), sigma(row.spatial_dn2, spatial)
-            lines.append((row.source, mean, *sigmas, share))
+        lines = [(row.source, *row.cells) for row in self.rows]
         title = f"Noise budget of one frame ({'; '.join(self.remarks)})"
-        return fragment(title, table(HEADINGS, lines))
+        return fragment(title, Table(HEADINGS, lines))
 
     def change_of(self, source: str) -> Float64Array:
         """What a source changes in every pixel of the first frame, (H, W) [DN]."""

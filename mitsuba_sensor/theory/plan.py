@@ -25,7 +25,7 @@ from ..core import (
     check_types,
     require,
 )
-from ..core.html import facts, fragment, table
+from ..core.html import Table, facts, fragment
 from ..sensor.checks import as_photons
 from ..sensor.detection import Detected, detect
 from ..sensor.expose import PreparedExposure, prepare_exposure
@@ -90,7 +90,7 @@ class Plan:
             for one in self.effects
         ]
         return fragment(
-            "Plan of an exposure", facts(head), table(("stage", "", *COLUMNS, "why"), rows)
+            "Plan of an exposure", facts(head), Table(("stage", "", *COLUMNS, "why"), rows)
         )
 
     @property

@@ -15,7 +15,6 @@ import numpy as np
 import OpenEXR
 import pytest
 from helpers.scenes import (
-    SCENES,
     SKY,
     both_variants,
     scalar_first,
@@ -26,11 +25,10 @@ from helpers.scenes import (
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.output.exr import read_aovs_exr, read_irradiance_exr, write_aovs_exr
 from mitsuba_sensor.render.light.bands import choose_bands
 from mitsuba_sensor.render.motion.aovs import Aovs, render_aovs
-from mitsuba_sensor.render.motion.motion import Motion, read_motion
+from mitsuba_sensor.render.motion.motion import read_motion
 from mitsuba_sensor.render.samples import hashed_seed
 from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
@@ -126,55 +124,6 @@ def test_albedo_is_the_diffuse_reflectance_in_three_bands_and_none_of_metal(
     assert aovs.shapes[2] == "sphere 2"
 
 
-@scalar_first
-def test_nothing_is_infinitely_far_and_has_no_shape(tmp_path: Path, variant: str) -> None:
-    aovs = aovs_of(tmp_path, BALL, variant=variant)
-    ball, _ = ball_and_wall(np.zeros(3), tangents(*centres()))
-    void = ~ball
-    assert (aovs.depth_m[void] == np.inf).all() and np.isnan(aovs.position_m[void]).all()
-    assert (
-        (aovs.normal[void] == 0).all()
-        and (aovs.albedo[void] == 0).all()
-        and (aovs.shape_index[void] == -1).all()
-    )
-    assert (aovs.flow_px == 0).all() and np.isfinite(aovs.depth_m[ball]).all()
-
-
-def test_scalar_and_llvm_agree(tmp_path: Path) -> None:
-    """All arrays to 2e-5 m, unit or pixel: same numbers for the shapes, an instance and a mesh among them."""
-    group = '<shape type="shapegroup" id="group"><shape type="cube"/></shape><shape type="instance" id="inst">'
-    place = '<transform name="to_world"><translate x="{}" y="{}" z="6.3"/></transform>'
-    instance = group + f'<ref id="group"/>{place.format(-2.2, 1.1)}</shape>'
-    cube = f'<shape type="cube" id="cube">{place.format(2.6, 0)}{RED}</shape>'
-    moves = {"cube": {"velocity_m_per_s": [1, 0, 0]}}
-    motion = read_motion({"camera": {"velocity_m_per_s": [1, 0.2, -0.4]}, "objects": moves})
-    how: dict[str, Any] = {"more": POSE, "motion": motion, "exposure": ms.Exposure(0.05)}
-    both = ("scalar_spectral", "llvm_ad_spectral")
-    one, other = (
-        aovs_of(tmp_path, instance, BALL, cube, variant=variant, **how) for variant in both
-    )
-    assert one.shapes == other.shapes == ("inst", "ball", "cube")
-    assert set(np.unique(one.shape_index)) == {-1, 0, 1, 2}
-    for name in ARRAYS:
-        np.testing.assert_allclose(
-            getattr(one, name), getattr(other, name), atol=2e-5, err_msg=name
-        )
-
-
-def test_meshes_of_one_material_keep_their_numbers(tmp_path: Path) -> None:
-    place = '<transform name="to_world"><translate x="{}" z="5"/></transform>'
-    cube = f'<shape type="cube" id="{{}}">{place}<ref id="m"/></shape>'
-    aovs = aovs_of(
-        tmp_path,
-        '<bsdf type="diffuse" id="m"/>',
-        cube.format("right", -1.5),
-        cube.format("left", 1.5),
-    )
-    assert aovs.shapes == ("right", "left")
-    middle = aovs.shape_index[ROWS // 2]
-    assert middle[9] == 1 and middle[-9] == 0
-
-
 def image_of(points: Floats) -> Floats:
     """Places on the film of points in the camera's frame."""
     return np.array([COLUMNS / 2, ROWS / 2]) - FOCAL_PX * points[..., :2] / points[..., 2:]
@@ -241,13 +190,6 @@ def test_normals_of_a_mesh_turn_with_it(tmp_path: Path, variant: str) -> None:
     assert faces == {(-0.5, 0.0, -0.866), (0.866, 0.0, -0.5)}
 
 
-def test_what_passes_behind_the_camera_has_no_flow(tmp_path: Path) -> None:
-    through = read_motion({"camera": {"velocity_m_per_s": [0, 0, 100]}})
-    assert np.isnan(
-        aovs_of(tmp_path, WALL, motion=through, exposure=ms.Exposure(0.1)).flow_px
-    ).all()
-
-
 def test_flow_goes_through_a_distorting_lens(tmp_path: Path) -> None:
     """Positions and flow of 20 % of barrel distortion: each place is f·t·(1 + k₁t²), t the tangent, to 0.01 px.
 
@@ -297,55 +239,6 @@ def test_rows_of_a_rolling_shutter_are_seen_when_they_open(
         np.testing.assert_allclose(rolling.flow_px[row, :, 1], shift, atol=1e-3)
 
 
-def test_all_rows_of_a_rolling_shutter_run_the_kernels_of_the_first(tmp_path: Path) -> None:
-    """Wherever NumPy put their rays: a kernel takes 0.7 s to compile, a row 0.04 s."""
-    dr, hashes = drjit(), []
-
-    def row(done: int, rows: int) -> None:
-        hashes.append(
-            {
-                entry["hash"]
-                for entry in dr.kernel_history()
-                if entry["type"] == dr.KernelType.JIT
-            }
-        )
-        dr.kernel_history_clear()
-
-    moves = {"ball": {"velocity_m_per_s": [0, 5, 0]}}
-    motion = read_motion({"camera": {"velocity_m_per_s": [2, 0, 0]}, "objects": moves})
-    before = dr.flag(dr.JitFlag.KernelHistory)
-    dr.set_flag(dr.JitFlag.KernelHistory, True)
-    try:
-        how: dict[str, Any] = {
-            "motion": motion,
-            "exposure": ms.Exposure(0.01),
-            "variant": "llvm_ad_spectral",
-        }
-        aovs_of(tmp_path, BALL, WALL, camera=ROLLING, progress=row, **how)
-    finally:
-        dr.set_flag(dr.JitFlag.KernelHistory, before)
-    assert len(hashes) == ROWS + 1 and hashes[1] and set().union(*hashes[2:]) <= hashes[1]
-
-
-@scalar_first
-def test_a_crop_is_that_part_of_the_full_picture(tmp_path: Path, variant: str) -> None:
-    window = {"width": 9, "height": 6, "offset_x": 13, "offset_y": 5}
-    crop = "".join(
-        f'<integer name="crop_{key}" value="{value}"/>' for key, value in window.items()
-    )
-    how: dict[str, Any] = {
-        "motion": read_motion({"camera": {"velocity_m_per_s": [2, 0, 1]}}),
-        "exposure": ms.Exposure(0.01),
-        "camera": ROLLING,
-    }
-    whole = aovs_of(tmp_path, BALL, WALL, variant=variant, **how)
-    part = aovs_of(tmp_path, BALL, WALL, film=crop, variant=variant, **how)
-    for name in ARRAYS:
-        np.testing.assert_allclose(
-            getattr(part, name), getattr(whole, name)[5:11, 13:22], atol=2e-4, err_msg=name
-        )
-
-
 def test_the_aovs_lie_on_the_rendered_frame(tmp_path: Path) -> None:
     """A glowing ball on black: a pixel that is lit over 95 % of it is the ball's, one below 5 % is not."""
     glow = BALL.replace(
@@ -366,22 +259,6 @@ def test_the_aovs_lie_on_the_rendered_frame(tmp_path: Path) -> None:
             np.average(places, weights=mask), abs=0.2
         )
     assert cover.sum() == pytest.approx(mask.sum(), rel=0.05)
-
-
-def test_a_thin_lens_is_seen_through_the_middle_of_its_pupil(tmp_path: Path) -> None:
-    wide = '<float name="fov" value="60"/>'
-    open_ = (
-        wide
-        + '<float name="aperture_radius" value="0.4"/><float name="focus_distance" value="2"/>'
-    )
-    lens, hole = (
-        aovs_of(tmp_path, BALL, WALL, sensor=SENSOR.format(kind=kind, fields=fields))
-        for kind, fields in (("thinlens", open_), ("perspective", wide))
-    )
-    for name in ARRAYS:
-        np.testing.assert_allclose(
-            getattr(lens, name), getattr(hole, name), atol=2e-5, err_msg=name
-        )
 
 
 def test_a_telecentric_sensor_sees_and_moves_without_perspective(tmp_path: Path) -> None:
@@ -449,21 +326,3 @@ def test_written_and_read_aovs_are_the_same(tmp_path: Path) -> None:
     cut.write_bytes((tmp_path / "aovs.exr").read_bytes()[:500])
     with pytest.raises(ms.InputError, match="cannot be read as an OpenEXR file"):
         read_aovs_exr(cut)
-
-
-def test_a_motion_needs_an_exposure_and_progress_is_told_in_rows(tmp_path: Path) -> None:
-    told: list[tuple[int, int]] = []
-    aovs_of(tmp_path, BALL, progress=lambda done, total: told.append((done, total)))
-    assert told[0] == (0, ROWS) and told[-1] == (ROWS, ROWS)
-    with pytest.raises(ms.InputError, match="a motion is given and no exposure"):
-        aovs_of(tmp_path, BALL, motion=Motion())
-
-
-def test_every_shipped_scene_has_aovs() -> None:
-    use(choose_variant("scalar_spectral"))
-    for name in ("cornell_box", "still_life", "rolling_fan"):
-        aovs = render_aovs(
-            SCENES / f"{name}.xml", CAMERA, parameters={"width": 12, "height": 8}
-        )
-        assert aovs.depth_m.shape == (8, 12) and np.isfinite(aovs.depth_m).any()
-        assert aovs.albedo.min() >= 0 and aovs.albedo.max() <= 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +12,6 @@ import pytest
 from helpers.marks import one_in
 from helpers.scenes import (
     BALL,
-    PERSPECTIVE,
     SKY,
     scalar_first,
     scene_text,
@@ -22,8 +20,6 @@ from helpers.scenes import (
 )
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.optics.f_number_law import solid_angle_sr
-from mitsuba_sensor.optics.intrinsics import aperture_f_number, magnification
 from mitsuba_sensor.render.light.bands import box_bands
 from mitsuba_sensor.render.scene.parse_scene import parse
 from mitsuba_sensor.render.scene.scene import load_scene
@@ -36,8 +32,6 @@ WALL = """<shape type="rectangle">{bsdf}<transform name="to_world">
 <scale value="9"/><rotate y="1" angle="180"/><translate z="4"/></transform></shape>"""
 PICTURE = """<bsdf type="diffuse"><texture type="bitmap" name="reflectance">
 <string name="filename" value="{name}"/>{more}</texture></bsdf>"""
-LOOK_AT = '<transform name="toWorld"><lookAt origin="0, 0, 1" target="0, 0, 0"/></transform>'
-HEX = '<bsdf type="diffuse"><srgb name="reflectance" value="#fff"/></bsdf>'
 FLAT = '<emitter type="constant"><spectrum name="radiance" value="360:1, 830:1"/></emitter>'
 
 
@@ -49,22 +43,6 @@ def render_frames(folder: Path, text: str, spp: int = 64, **options: Any) -> np.
     """Mean radiance in each band [W m⁻² sr⁻¹ nm⁻¹], (8, 12, 3)."""
     scene = load_scene(write_scene(folder, text), BANDS, {}, **options)
     return scene.render(1, spp, (0, 8)).astype(float) / BANDS.bandwidths_nm
-
-
-@scalar_first
-def test_an_rgb_film_with_a_gaussian_filter_renders_as_spectral_bands(
-    tmp_path: Path, variant: str
-) -> None:
-    """A red ball under an rgb sky, film and sampler as in most scenes of the web: red above blue, nothing negative."""
-    ready(variant)
-    red = BALL.format(
-        bsdf='<bsdf type="diffuse"><rgb name="reflectance" value="0.8, 0.1, 0.1"/></bsdf>'
-    )
-    text = scene_text(
-        RGB_SKY, red, '<integrator type="path"/>', film='<rfilter type="gaussian"/>'
-    )
-    light = render_frames(tmp_path, text)
-    assert (light > 0).all() and light[4, 6, 2] > 3 * light[4, 6, 0]
 
 
 @scalar_first
@@ -93,36 +71,6 @@ def test_textures_colour_the_wall(tmp_path: Path, variant: str) -> None:
     np.testing.assert_allclose(halves, (0.2, 0.6), rtol=0.02)
 
 
-@scalar_first
-def test_a_scene_in_millimetres_gives_the_light_of_the_same_scene_in_metres(
-    tmp_path: Path, variant: str
-) -> None:
-    """A thin lens close up, where the magnification of 0.19 takes 30 % of the light; scene_unit says what 1 is."""
-    ready(variant)
-
-    def text(unit: float) -> str:
-        lens = '<float name="aperture_radius" value="{}"/><float name="focus_distance" value="{}"/>'
-        lens = lens.format(1e-5 / unit, 0.001 / unit)
-        film = '<film type="hdrfilm"><integer name="width" value="12"/><integer name="height" value="8"/></film>'
-        sensor = f'<sensor type="thinlens"><float name="fov" value="20"/>{lens}{film}</sensor>'
-        ball = f'<point name="center" value="0, 0, {4 / unit}"/><float name="radius" value="{1 / unit}"/>'
-        return scene_text(SKY, f'<shape type="sphere">{ball}</shape>', sensor=sensor)
-
-    metres = load_scene(write_scene(tmp_path, text(1)), BANDS, {}, scene_unit="m")
-    millimetres = load_scene(write_scene(tmp_path, text(1e-3)), BANDS, {}, scene_unit="mm")
-    assert magnification(millimetres.view, CAMERA) == pytest.approx(
-        magnification(metres.view, CAMERA), rel=1e-6
-    )
-    assert magnification(metres.view, CAMERA) == pytest.approx(0.19, abs=0.01)
-    numbers = [aperture_f_number(scene.view, CAMERA) for scene in (metres, millimetres)]
-    assert numbers[0] == pytest.approx(numbers[1], rel=1e-6)
-    np.testing.assert_allclose(
-        solid_angle_sr(millimetres.view, CAMERA), solid_angle_sr(metres.view, CAMERA), rtol=1e-6
-    )
-    a, b = (scene.render(1, 64, (0, 8)) for scene in (metres, millimetres))
-    np.testing.assert_allclose(a.mean(axis=(0, 1)), b.mean(axis=(0, 1)), rtol=0.01)
-
-
 def test_a_scene_without_a_sensor_is_told_one_that_works_when_pasted(tmp_path: Path) -> None:
     ready()
     with pytest.raises(ms.InputError, match="has no sensor; add one") as caught:
@@ -131,17 +79,6 @@ def test_a_scene_without_a_sensor_is_told_one_that_works_when_pasted(tmp_path: P
     assert element
     pasted = scene_text(SKY, element[0], sensor="")
     assert load_scene(write_scene(tmp_path, pasted), BANDS, {}).view.half_width > 0
-
-
-def test_only_the_first_sensor_is_built(tmp_path: Path) -> None:
-    """A second one of any kind does no harm, nor does a meter on a shape, which Mitsuba lists before both."""
-    ready()
-    film = '<film type="specfilm"><spectrum name="band" value="400:1, 700:1"/><rfilter type="box"/></film>'
-    meter = BALL.format(bsdf=f'<sensor type="irradiancemeter">{film}</sensor>')
-    ours = PERSPECTIVE.format(film="", more="")
-    text = scene_text(meter, SKY, ours, '<sensor type="fisheye"/>', sensor="")
-    scene = load_scene(write_scene(tmp_path, text), BANDS, {})
-    assert scene.view.size == (12, 8) and any("2 sensors" in note for note in scene.notes)
 
 
 def test_an_old_scene_that_mitsuba_can_upgrade_renders(tmp_path: Path) -> None:
@@ -154,16 +91,6 @@ def test_an_old_scene_that_mitsuba_can_upgrade_renders(tmp_path: Path) -> None:
     assert load_scene(write_scene(tmp_path, text), BANDS, {}).view.half_width == pytest.approx(
         1.5 * np.tan(np.pi / 6)
     )
-
-
-def test_gradient_integrators_render_where_they_exist(tmp_path: Path) -> None:
-    """prb is there in llvm variants; a scalar one says what to take instead."""
-    text = scene_text(SKY, '<integrator type="prb"/>')
-    ready()
-    with pytest.raises(ms.InputError, match="'path' gives the same image"):
-        load_scene(write_scene(tmp_path, text), BANDS, {})
-    ready("llvm_ad_spectral")
-    np.testing.assert_allclose(render_frames(tmp_path, text).mean(), 2e-4, rtol=0.05)
 
 
 BROKEN = [
@@ -204,17 +131,6 @@ def test_a_broken_scene_is_one_sentence_and_exit_code_2(
     assert said.endswith((".", "?"))
 
 
-def test_render_refuses_it_with_the_same_sentence(
-    tmp_path: Path, cli: Callable[..., Any]
-) -> None:
-    """Before anything is rendered or written."""
-    path = write_scene(tmp_path, BROKEN[4][0])
-    calls = ("lint", path), ("render", path, "-o", tmp_path / "out")
-    done = [cli(*arguments, "--variant", "scalar_spectral") for arguments in calls]
-    assert [one.exit_code for one in done] == [2, 2] and done[0].stderr == done[1].stderr
-    assert not (tmp_path / "out").exists()
-
-
 def test_all_missing_files_are_named_at_once(tmp_path: Path) -> None:
     """Three of them, with their lines, in one sentence; a file that is there is not."""
     ready().Bitmap(np.ones((2, 2, 3), np.float32)).write(str(tmp_path / "here.exr"))
@@ -245,34 +161,6 @@ def test_integrator_replaces_whatever_the_scene_has_and_says_so(
         found.render(1, 16, (0, 8)) == load_scene(plain, BANDS, {}).render(1, 16, (0, 8))
     ).all()
     assert any(f"integrator '{kind}' is replaced by 'path'" in note for note in found.notes)
-
-
-def test_integrator_of_a_scene_without_one_and_of_the_command_line(
-    tmp_path: Path, cli: Callable[..., Any]
-) -> None:
-    """A ball of fog needs volpath, which the scene does not name: it is dark for 'path' and bright for 'volpath'."""
-    fog = '<medium name="interior" type="homogeneous"><float name="sigma_t" value="5"/></medium><bsdf type="null"/>'
-    path = write_scene(tmp_path, scene_text(SKY, BALL.format(bsdf=fog)))
-    photons = []
-    for kind in ("path", "volpath"):
-        options = (
-            "--integrator",
-            kind,
-            "--spp",
-            16,
-            "--variant",
-            "scalar_spectral",
-            "--exposure-s",
-            0.1,
-            "--json",
-        )
-        done = cli("render", path, "-o", tmp_path / "out", *options)
-        photons.append(json.loads(done.stdout)["photons"]["min"])
-    assert photons[0] != pytest.approx(photons[1], rel=0.05)
-    wrong = cli("lint", path, "--integrator", "bdpt")
-    assert wrong.exit_code == 2 and "it must be one of path, volpath" in " ".join(
-        wrong.stderr.split()
-    )
 
 
 def test_polarising_elements_act_on_unpolarised_light_where_that_is_asked_for(

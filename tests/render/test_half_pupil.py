@@ -88,34 +88,6 @@ def test_left_and_right_add_up_to_the_whole(tmp_path: Path) -> None:
 
 
 @pytest.mark.exhaustive
-def test_halves_see_the_point_spread_too(tmp_path: Path) -> None:
-    """In focus both halves are in the same place, with diffraction as without."""
-    scene = spot(tmp_path, FOCUS)
-    for on in (False, True):
-        places = [
-            centroid(
-                ms.render(
-                    scene,
-                    ms.load_camera("konnik_table1").replace(
-                        **{
-                            "lens.half_pupil": half,
-                            "lens.diffraction": on,
-                            "lens.f_number": 8.0,
-                        }
-                    ),
-                    EXPOSURE,
-                    spp=256,
-                    wavelength_nm=550.0,
-                    denoise=False,
-                    progress=False,
-                )
-            )
-            for half in ("left", "right")
-        ]
-        assert places[0][0] == pytest.approx(places[1][0], abs=0.1)
-
-
-@pytest.mark.exhaustive
 def test_the_halves_of_a_prescription_are_0_8488_of_its_blur_apart(tmp_path: Path) -> None:
     """A double Gauss of 50 mm at f/8, whose blur is that of its entrance pupil. Spherical aberration moves the focus
     a little, which points before and behind it have alike: the difference of both is within 1 %."""

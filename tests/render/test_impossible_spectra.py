@@ -13,7 +13,6 @@ from helpers.scenes import BALL, scalar_first, scene_text, skip_unless_usable, w
 import mitsuba_sensor as ms
 from mitsuba_sensor.files.ply_colours import largest_colour
 from mitsuba_sensor.render.lint.finding import Finding
-from mitsuba_sensor.render.lint.scene_spectra import metal_table
 from mitsuba_sensor.render.scene.scene import inspect_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
@@ -65,19 +64,6 @@ D65_BY_DEFAULT = {
     "projector": "{}",
     "area": '<shape type="sphere">{}</shape>',
 }
-
-
-@pytest.mark.parametrize("kind", D65_BY_DEFAULT)
-def test_a_light_without_a_spectrum_ends_as_d65_does(tmp_path: Path, kind: str) -> None:
-    """The finding of <spectrum type="d65"/>; Mitsuba itself is the oracle of test_lint for what that is at 950 nm."""
-    lamp = D65_BY_DEFAULT[kind].format(f'<emitter type="{kind}"/>')
-    others = () if kind == "constant" else (SKY,)
-    (finding,) = serious(tmp_path, *others, lamp, camera=INFRARED)
-    assert (
-        finding.level == "black"
-        and "light in 1 place is black outside 360 to 830 nm" in finding.what
-    )
-    assert serious(tmp_path, *others, lamp) == []
 
 
 @pytest.mark.parametrize("kind", D65_BY_DEFAULT)
@@ -143,36 +129,6 @@ def test_a_reflectance_above_one_is_wrong(
     assert remedy in finding.remedy
 
 
-def test_every_share_of_light_that_comes_back_has_bounds(tmp_path: Path) -> None:
-    kinds = {
-        "plastic": "diffuse_reflectance",
-        "dielectric": "specular_transmittance",
-        "principled": "base_color",
-    }
-    for kind, name in kinds.items():
-        (finding,) = serious(tmp_path, SKY, ball(grey("40", name), kind))
-        assert f"{name!r} in 1 place is as large as 40" in finding.what
-
-
-def test_an_element_of_a_dict_is_named_and_has_no_line() -> None:
-    grey_13 = {"type": "diffuse", "reflectance": {"type": "spectrum", "value": 1.3}}
-    film = {"type": "hdrfilm", "width": 8, "height": 8}
-    scene = {
-        "type": "scene",
-        "sensor": {"type": "perspective", "film": film},
-        "ball": {"type": "sphere", "center": [0, 0, 4], "bsdf": grey_13},
-        "sky": {"type": "constant"},
-    }
-    found = inspect_scene(scene, VISIBLE, {}, None)
-    assert [finding.where for finding in found if finding.level == "wrong"] == [
-        'node "ball.bsdf"'
-    ]
-
-
-def test_values_outside_the_bands_of_the_camera_do_not_count(tmp_path: Path) -> None:
-    assert serious(tmp_path, SKY, ball(grey("300:0.5, 790:0.5, 800:50"))) == []
-
-
 def test_negative_light_is_wrong_and_counted(tmp_path: Path) -> None:
     """A constant, a colour and a sky of 2 × 2 pixels; tables with negative values are refused by Mitsuba."""
     lamp = '<emitter type="constant">{}</emitter>'
@@ -221,16 +177,6 @@ def test_a_picture_above_one_is_clamped_as_a_lamp(tmp_path: Path, channels: int)
     assert light.data.mean() / one.data.mean() == pytest.approx(5 if channels == 1 else 1)
     said = [note for note in light.notes if "as large as 5: Mitsuba takes 1 instead" in note]
     assert len(said) == (channels == 3)
-
-
-def test_pictures_of_fractions_are_not_told(tmp_path: Path) -> None:
-    for channels in (1, 3, 4):
-        assert serious(tmp_path, SKY, ball(picture(tmp_path, "p.exr", 1.0, channels))) == []
-
-
-def test_a_picture_with_nan_is_wrong(tmp_path: Path) -> None:
-    (finding,) = serious(tmp_path, SKY, ball(picture(tmp_path, "nan.exr", np.nan, 1)))
-    assert finding.level == "wrong" and "4 values that are not finite" in finding.what
 
 
 VOLPATH = '<integrator type="volpath"/>'
@@ -307,12 +253,6 @@ def test_an_attribute_that_the_mesh_does_not_have_is_refused(
     assert serious(tmp_path, SKY, mesh(tmp_path, "vertex_color", "0.8 0.2 0.1")) == []
 
 
-def test_an_attribute_of_a_shape_in_a_group_is_looked_for(tmp_path: Path) -> None:
-    group = f'<shape type="shapegroup" id="group">{mesh(tmp_path, "vertex_albedo", "0.8 0.2 0.1")}</shape>'
-    with pytest.raises(ms.InputError, match="no attribute 'vertex_albedo'"):
-        serious(tmp_path, SKY, group, '<shape type="instance"><ref id="group"/></shape>')
-
-
 @pytest.mark.parametrize(("kind", "names"), [("uchar", "red green blue"), ("float", "r g b")])
 def test_colours_of_vertices_from_0_to_255_are_wrong(
     tmp_path: Path, kind: str, names: str
@@ -359,40 +299,11 @@ def loaded_colours(folder: Path) -> Any:
     return np.array(mi.traverse(square)["vertex_color"])
 
 
-def held(material: str, end_nm: float) -> str:
-    """Mitsuba's table of a metal by hand, its last values again at a wavelength beyond its end."""
-    table = metal_table(material)
-    assert table is not None
-    wavelengths_nm = [*table.wavelengths_nm.tolist(), end_nm]
-
-    def spectrum(name: str, values: list[float]) -> str:
-        pairs = zip(wavelengths_nm, [*values, values[-1]], strict=True)
-        return grey(", ".join(f"{nm!r}:{value!r}" for nm, value in pairs), name)
-
-    return spectrum("eta", table.eta.tolist()) + spectrum("k", table.k.tolist())
-
-
 WALL = """<shape type="rectangle"><transform name="to_world"><scale value="9"/><rotate y="1" angle="180"/>
 <translate z="4"/></transform><bsdf type="conductor">{}</bsdf></shape>"""
 HEAD_ON = '<sensor type="orthographic"><film type="hdrfilm"><integer name="width" value="8"/>{film}</film></sensor>'
 SQUARE = '<integer name="height" value="8"/>'
 NAMED = '<string name="material" value="Cr"/>'
-
-
-@pytest.mark.exhaustive
-@scalar_first
-def test_a_metal_continues_as_its_table_held_by_hand(variant: str) -> None:
-    """Bit for bit, though the table by hand goes on to 1100 nm and the other one to the end of the camera."""
-    use(choose_variant(skip_unless_usable(variant)))
-    named, by_hand = (
-        scene_text(SKY, ball(inside, "conductor")) for inside in (NAMED, held("Cr", 1100.0))
-    )
-    light, reference = render(named, variant=variant), render(by_hand, variant=variant)
-    np.testing.assert_array_equal(light.data, reference.data)
-    assert any(
-        "table of 'Cr' in 1 place has 300.19 to 885.57 nm" in note
-        for note in light.statistics.notes
-    )
 
 
 def test_a_metal_reflects_beyond_its_table_what_its_last_indices_do() -> None:
@@ -425,17 +336,6 @@ def test_a_metal_within_its_table_stays_as_it_is(tmp_path: Path) -> None:
         camera=INFRARED,
     )
     assert finding.level == "note" and "309.95 to 826.53 nm" in finding.what
-
-
-def test_a_metal_with_a_name_and_indices_stays_refused(tmp_path: Path) -> None:
-    with pytest.raises(ms.InputError, match="not both"):
-        serious(tmp_path, SKY, ball(NAMED + grey("1.5", "eta"), "conductor"), camera=INFRARED)
-
-
-def test_own_indices_that_end_are_told_as_what_they_are(tmp_path: Path) -> None:
-    own = grey("300:1, 700:1", "eta") + grey("300:3, 700:3", "k")
-    eta, k = serious(tmp_path, SKY, ball(own, "conductor"), camera=INFRARED)
-    assert eta.level == k.level == "wrong" and "reflects everything or is NaN" in eta.what
 
 
 @scalar_first

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +12,11 @@ from helpers.scenes import (
     scalar_first,
     scene_text,
     skip_unless_usable,
-    write_scene,
 )
-from mitsuba_sensor.render.passes.statistics import RenderStatistics
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.infrared.materials import materials
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
-from mitsuba_sensor.sensor.metering import electrons_of
 
 VISIBLE = ms.load_camera("konnik_table1")  # 400 to 700 nm
 INFRARED = VISIBLE.replace(
@@ -146,21 +141,6 @@ def test_a_picture_of_a_lamp_is_held(tmp_path: Path) -> None:
     assert radiance(text) == pytest.approx(radiance(text, 700.0), rel=1e-3)
 
 
-def test_pictures_that_are_no_colours_have_no_rule(tmp_path: Path) -> None:
-    """The opacity of a mask; it is no reason to refuse."""
-    path = tmp_path / "grey.exr"
-    mitsuba().Bitmap(np.full((2, 2, 1), 0.5, np.float32)).write(str(path))
-    file = f'<string name="filename" value="{path}"/>'
-    opacity = f'<texture type="bitmap" name="opacity">{file}</texture>'
-    mask = f'<bsdf type="mask">{opacity}{{}}</bsdf>'
-    inner = f'<bsdf type="diffuse">{GREY}</bsdf>'
-    shape = f'<shape type="sphere">{mask.format(inner)}</shape>'
-    light = ms.render(
-        scene(GREY, shape), INFRARED, EXPOSURE, infrared="refuse", **{**SMALL, "spp": 4}
-    )
-    assert not light.statistics.beyond_data
-
-
 @pytest.mark.parametrize("pattern", ["green", "leaf_*", "le?f_1"])
 def test_a_material_is_named_by_its_id_or_that_of_its_shape(pattern: str) -> None:
     (finding,) = findings_of_rgb(scene(RGB), {pattern: "soil"})
@@ -215,12 +195,6 @@ def test_a_rule_that_cannot_be_is_one_sentence(rule: object, sentence: str) -> N
     assert sentence in str(error.value)
 
 
-def test_a_loaded_scene_is_too_late_for_a_rule() -> None:
-    mi = use(choose_variant("scalar_spectral"))
-    with pytest.raises(ms.InputError, match="infrared is given and the scene is a loaded"):
-        ms.render(mi.load_string(scene(RGB)), INFRARED, EXPOSURE, infrared=VEGETATION, **SMALL)
-
-
 @both_variants
 def test_a_colour_keeps_its_name_for_traverse(variant: str) -> None:
     """Set to its own coefficients it stays what it is, and is held as before."""
@@ -230,30 +204,6 @@ def test_a_colour_keeps_its_name_for_traverse(variant: str) -> None:
     at_700 = reflectance(scene(RGB), 700.0)
     held = reflectance(scene(RGB), variant=variant, traverse=same)
     assert held == pytest.approx(at_700, rel=0.005)
-
-
-def test_the_electrons_that_rest_on_a_rule_are_those_of_the_frame() -> None:
-    """One band at 850 nm: all of them, and on average as many DN as the frame has above black. Of 400 pixels of at
-    least 1000 e- the mean is known to 0.2 %, a fifth of the tolerance."""
-    options: dict[str, Any] = {**SMALL, "width": 12, "infrared": VEGETATION}
-    light = ms.render(scene(RGB), INFRARED, EXPOSURE, wavelength_nm=850, **options)
-    (rest,) = light.statistics.beyond_data
-    frames, black = (
-        ms.expose(replace(light, data=data), INFRARED, EXPOSURE, frames=4)
-        for data in (light.data, 0 * light.data)
-    )
-    above_black = frames.digital.mean() - black.digital.mean()
-    assert rest["share"] == pytest.approx(1) and rest["filter"] == "mono"
-    assert rest["dn"] == pytest.approx(above_black, rel=0.01)
-    assert RenderStatistics.from_dict(light.statistics.to_dict()).beyond_data == (rest,)
-
-
-def test_lint_takes_a_rule(tmp_path: Path, cli: Callable[..., Any]) -> None:
-    path = write_scene(tmp_path, scene(RGB))
-    listed = cli("lint", path, "--camera", "rgbir_2mp", "--infrared", "leaf_*=wood", "--json")
-    assert "is 'wood'" in listed.stdout
-    refused = cli("lint", path, "--camera", "rgbir_2mp", "--infrared", "refuse")
-    assert refused.exit_code == 2 and "'green' (line 2)" in refused.stderr
 
 
 def test_the_measured_materials_begin_at_700_nm_and_have_sources() -> None:
@@ -300,20 +250,3 @@ def test_a_black_body_at_1550_nm_is_plancks(variant: str) -> None:
     nm = np.linspace(1545, 1555, 1001)
     expected = np.pi * planck(nm).mean() * SWIR.lens.transmission / (4 * 4.0**2)
     assert float(light.data.mean(dtype=float)) == pytest.approx(expected, rel=1e-3)
-
-
-def test_an_ingaas_camera_counts_the_electrons_of_a_black_body() -> None:
-    """All bands from 400 to 1766 nm, ∫QE·E·λ/(hc) dλ over the pixel; 1 % is 4 standard errors of the render."""
-    light = black_body("scalar_spectral", spp=1024, bandwidth_nm=20)
-    electrons = electrons_of(ms.collect(light, SWIR, EXPOSURE), SWIR, EXPOSURE).mean()
-    nm = np.linspace(400, 1766, 20001)
-    irradiance = np.pi * planck(nm) * SWIR.lens.transmission / (4 * 4.0**2)
-    photons = irradiance * nm * 1e-9 / (6.62607015e-34 * 299792458.0) * 25e-12 * 0.01
-    expected = np.trapezoid(photons * SWIR.qe(nm).ravel(), nm)
-    assert float(electrons) == pytest.approx(expected, rel=0.01)
-
-
-@pytest.mark.parametrize("nm", [199.0, 2501.0])
-def test_wavelengths_end_at_2500_nm(nm: float) -> None:
-    with pytest.raises(ms.InputError, match="200 to 2500"):
-        black_body("scalar_spectral", wavelength_nm=nm, spp=4)

@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.lens_oracle import AXIAL_IRRADIANCE, DOUBLE_GAUSS, irradiance
-from helpers.scenes import SKY, scalar_first, scene_text, skip_unless_usable, write_scene
+from helpers.scenes import SKY, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.optics.f_number_law import solid_angle_sr
-from mitsuba_sensor.optics.intrinsics import aperture_f_number, intrinsics
+from mitsuba_sensor.optics.intrinsics import intrinsics
 from mitsuba_sensor.optics.traced_lens import cardinal_points, chief_ray_heights
 from mitsuba_sensor.render.light.bands import box_bands
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
@@ -152,64 +151,6 @@ def test_what_is_in_focus_is_sharp_and_what_is_nearer_is_blurred_by_the_pupil(
     assert spread[1] == pytest.approx(pupil_m / 2, rel=0.06)
 
 
-def test_the_scenes_own_focus_distance_is_used(tmp_path: Path) -> None:
-    thin = (
-        '<float name="aperture_radius" value="0.01"/><float name="focus_distance" value="3"/>'
-    )
-    own = load(tmp_path, camera(0.75), kind="thinlens", more=thin)
-    assert (own.view.focus_m, own.view.sequential) == (3.0, True)
-    assert load(tmp_path, camera(0.75)).view.focus_m == math.inf
-    assert (
-        load(tmp_path, camera(0.75, focus_m=5.0), kind="thinlens", more=thin).view.focus_m
-        == 5.0
-    )
-
-
-def test_scalar_and_llvm_trace_the_same_rays(tmp_path: Path) -> None:
-    """Two rays of each of three places, to float32."""
-    found = []
-    for variant in ("scalar_spectral", LLVM):
-        scene = load(tmp_path, camera(3.0), variant)
-        found.append(
-            [
-                rays(scene, place, EDGE[:2] * 0.8)
-                for place in ((0.5, 0.5), (0.2, 0.7), (0.95, 0.95))
-            ]
-        )
-    for scalar, llvm in zip(*found, strict=True):
-        for ours, theirs in zip(scalar, llvm, strict=True):
-            np.testing.assert_allclose(ours, theirs, rtol=1e-4, atol=2e-6)
-
-
-def test_scalar_says_that_it_is_slow(tmp_path: Path) -> None:
-    assert any(
-        "an llvm variant" in note
-        for note in load(tmp_path, camera(3.0), "scalar_spectral").notes
-    )
-    assert not any("an llvm variant" in note for note in load(tmp_path, camera(3.0)).notes)
-
-
-@scalar_first
-@pytest.mark.parametrize("lens", [{}, {"prescription": None, "distortion": [-0.2, 0, 0, 0, 0]}])
-def test_a_sensor_that_is_moved_takes_its_lens_along(
-    tmp_path: Path, variant: str, lens: dict[str, Any]
-) -> None:
-    """Through the parameters of this sensor, and of the one in the scene."""
-    scene = load(tmp_path, camera(0.75, **lens), variant)
-    mi = use(choose_variant(variant))
-    start, ahead, _ = rays(scene, (0.3, 0.4), EDGE[:1])
-    for number, owner in enumerate((scene.sensor, scene.mitsuba_scene.sensors()[0]), start=1):
-        parameters = mi.traverse(owner)
-        parameters["to_world"] = type(parameters["to_world"])(
-            mi.ScalarTransform4f().translate([0.0, 5.0 * number, 0.0]).rotate([0, 1, 0], 90)
-        )
-        parameters.update()
-        moved, ways, _ = rays(scene, (0.3, 0.4), EDGE[:1])
-        turned = np.array([start[0][2], start[0][1] + 5.0 * number, -start[0][0]])
-        np.testing.assert_allclose(moved[0], turned, atol=1e-5)
-        np.testing.assert_allclose(ways[0], [ahead[0][2], ahead[0][1], -ahead[0][0]], atol=1e-5)
-
-
 def test_dispersion_refracts_blue_light_more_by_the_makers_index(tmp_path: Path) -> None:
     """Slope of a ray of height h from the focus of the d line: h·(1/s − (n − 1)/R), s = f_d − t/n_d + t/n (1 %).
 
@@ -243,24 +184,6 @@ def test_dispersion_refracts_blue_light_more_by_the_makers_index(tmp_path: Path)
     assert slopes[450.0] * slopes[650.0] < 0
 
 
-def test_dispersion_keeps_the_light_of_every_band(tmp_path: Path) -> None:
-    """One wavelength in four is traced and counts four times: a cube's bands keep E/L within 2 % (σ 0.4 %)."""
-    edges = np.array([450.0, 500.0, 550.0, 600.0])
-    scene = load(tmp_path, camera(0.05, dispersion=True), edges_nm=edges, size=(8, 8))
-    cube = scene.render(1, 4096, (0, 8)).mean(axis=(0, 1)) / (RADIANCE * 50)
-    np.testing.assert_allclose(cube, AXIAL_IRRADIANCE[2.8], rtol=0.02)
-
-
-def test_rays_carry_the_solid_angle_and_the_view_says_so(tmp_path: Path) -> None:
-    cam = camera(3.0)
-    view = load(tmp_path, cam).view
-    assert (solid_angle_sr(view, cam) == 1).all() and solid_angle_sr(view, cam).shape == (8, 12)
-    assert aperture_f_number(view, cam) == 2.8
-    assert view.half_width == pytest.approx(
-        18.0 / cardinal_points(cam.lens).focal_length, rel=1e-12
-    )
-
-
 def test_rays_start_in_the_units_of_the_scene(tmp_path: Path) -> None:
     """In a scene in millimetres the front of the lens lies 20 units before the camera, not 0.02."""
     cam = camera(3.0)
@@ -283,18 +206,6 @@ def test_pixels_that_are_not_square_have_two_focal_lengths_in_k(tmp_path: Path) 
     _, ways, _ = rays(scene, (9 / 12, 6 / 8), np.array([[0.5, 0.5]]))
     back = matrix @ [-ways[0, 0] / ways[0, 2], -ways[0, 1] / ways[0, 2], 1.0] + [0.5, 0.5, 0.0]
     np.testing.assert_allclose(back[:2], [9.0, 6.0], atol=0.01)
-
-
-def test_the_notes_say_what_the_lens_determines_and_where_it_passes_no_light(
-    tmp_path: Path,
-) -> None:
-    notes = load(tmp_path, camera(3.0, focus_m=2.0)).notes
-    expected = r"the lens 'double_gauss' determines the field of view, 38.5 degrees across instead of the scene's 60"
-    assert any(note.startswith(expected) and "focused at 2 m" in note for note in notes)
-    dark = [
-        note for note in load(tmp_path, camera(8.0)).notes if "no light comes through" in note
-    ]
-    assert len(dark) == 1 and "the sensor's corner is at 57.7 mm" in dark[0]
 
 
 @pytest.mark.parametrize("lens", [{}, {"prescription": None, "distortion": [-0.2, 0, 0, 0, 0]}])

@@ -113,14 +113,6 @@ def test_a_sensor_refers_to_the_medium_that_it_is_in(
     assert all(sentence in one.what for one in findings if sentence)
 
 
-def test_a_loaded_scene_is_told_too() -> None:
-    mi = use(choose_variant("scalar_spectral"))
-    text = scene_text(FOG, WALL.format(6), cube(1, 3), '<integrator type="path"/>')
-    options: Any = {"spp": 1, "wavelength_nm": 550, "progress": False}
-    light = ms.render(mi.load_string(text), CAMERA, ms.Exposure(0.01), **options)
-    assert any("'PathIntegrator' renders no media" in note for note in light.notes)
-
-
 def test_prbvolpath_begins_in_a_vacuum(tmp_path: Path) -> None:
     """The finding is true: the fog between the sensor and the wall is not there."""
     use(choose_variant(skip_unless_usable("llvm_ad_spectral")))
@@ -134,12 +126,3 @@ def test_prbvolpath_begins_in_a_vacuum(tmp_path: Path) -> None:
         for one in (prb, volpath)
     ]
     assert lights[0].data.mean() > 2 * lights[1].data.mean()
-
-
-def test_integrators_are_replaced_by_one_that_renders_the_media(tmp_path: Path) -> None:
-    use(choose_variant("scalar_spectral"))
-    depth = '<integrator type="depth"/>'
-    with pytest.raises(ms.InputError, match="take 'volpath'"):
-        told(tmp_path, FOG, WALL.format(6), cube(1, 3), depth)
-    with pytest.raises(ms.InputError, match="'volpath' gives the same image"):
-        told(tmp_path, FOG, WALL.format(6), cube(1, 3), '<integrator type="prbvolpath"/>')

@@ -27,16 +27,13 @@ from helpers.scenes import (
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.core.options import complete
-from mitsuba_sensor.optics.shutter import STEP_PX, Shutter, phase_of_pass, shutter_of, subframes
+from mitsuba_sensor.optics.shutter import STEP_PX, Shutter, subframes
 from mitsuba_sensor.render.light.bands import choose_bands
-from mitsuba_sensor.render.motion import moving_scene
 from mitsuba_sensor.render.motion.motion import Motion, read_motion
 from mitsuba_sensor.render.motion.moving_scene import (
     AnimatedTransforms,
     MovingScene,
-    subframes_of_pass,
 )
 from mitsuba_sensor.render.options import RenderOptions
 from mitsuba_sensor.render.samples import hashed_seed
@@ -137,25 +134,6 @@ def test_a_rolling_shutter_skews_by_speed_times_row_time_times_rows(
     assert width_px(aligned) == pytest.approx(speed * 0.008, abs=0.5)
 
 
-def test_sub_frames_leave_no_ghosts_in_the_mean_of_the_passes(tmp_path: Path) -> None:
-    """Two sub-frames 6.5 px apart, 64 passes: the smooth ramp to 0.15 (4.8 standard errors); ghosts are 0.25 off."""
-    scene = loaded(tmp_path, EDGE)
-    before = picture(scene, 1, 4)
-    moving = MovingScene(scene, RIGHT["camera"], GLOBAL, ms.Exposure(0.25), subframes=2)
-    blur = SPEED_PX_PER_S * 0.25
-    mean = np.mean([picture_of(moving, k) for k in range(64)], axis=(0, 1))
-    np.testing.assert_allclose(
-        mean, np.minimum(ramp(np.array(COLUMNS / 2 + blur), blur), 1), atol=0.15
-    )
-    np.testing.assert_array_equal(picture(scene, 1, 4), before)
-
-
-def picture_of(scene: MovingScene, number: int) -> NDArray[np.float64]:
-    """One small pass over the brightness of the edge."""
-    scene.begin_pass(2, number)
-    return scene.render(hashed_seed(2, 0, number), 2, (0, 4))[..., 0].astype(np.float64) / 10
-
-
 def test_an_exposure_shorter_than_a_row_is_skewed_as_much_and_hardly_blurred(
     tmp_path: Path,
 ) -> None:
@@ -249,64 +227,6 @@ def test_over_the_passes_every_instant_of_an_exposure_has_the_same_chance(
         assert instants.mean() == pytest.approx(row * row_time_s + 0.005, abs=0.01 / 400)
 
 
-@pytest.mark.parametrize("row_time_s", [0.0, 0.0007])
-@pytest.mark.parametrize("passes", [8, 16])
-def test_few_passes_of_four_sub_frames_blur_and_skew_by_the_exposure(
-    passes: int, row_time_s: float
-) -> None:
-    """√12 times the deviation of a row's instants is the exposure, the slope of their means the row time: to 0.1 %.
-
-    100 random starts. Random phases in every pass would blur 0.4 % too little with 8 passes, and 0.9 % uncertainly.
-    """
-    shutter, count, starts = (
-        Shutter(0.01, row_time_s),
-        4,
-        np.random.default_rng(3).uniform(size=100),
-    )
-    step, lengths, slopes = shutter.step_s(count, math.inf, (0, 40)), [], []
-    for start in starts:
-        instants = np.empty((40, 0))
-        for number in range(passes):
-            times_s, weights = subframes(
-                shutter, (0, 40), count, step, phase_of_pass(start, number)
-            )
-            instants = np.append(instants, [times_s[row > 0] for row in weights], axis=1)
-        lengths.append(math.sqrt(12) * instants.std(axis=1).mean())
-        slopes.append(np.polyfit(np.arange(40), instants.mean(axis=1), 1)[0])
-    assert np.mean(lengths) == pytest.approx(shutter.open_s, rel=1e-3)
-    assert np.std(lengths) < 1.5e-3 * shutter.open_s
-    assert np.std(slopes) < 1e-3 * 0.0007 and np.mean(slopes) == pytest.approx(
-        row_time_s, rel=1e-3, abs=1e-12
-    )
-
-
-def test_every_pass_of_a_render_has_its_own_phase(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A render of 8 passes asks for the sub-frames of 8 phases that are about evenly apart."""
-    phases = list[float]()
-
-    def spy(*given: Any) -> Any:
-        phases.append(given[4])
-        return subframes(*given)
-
-    monkeypatch.setattr(moving_scene, "subframes", spy)
-    use(choose_variant("scalar_spectral"))
-    scene = write_scene(tmp_path, scene_text(EDGE, sensor=SENSOR))
-    motion = RIGHT["camera"]
-    ms.render(
-        scene,
-        GLOBAL,
-        ms.Exposure(0.01),
-        motion=motion,
-        spp=8,
-        denoise=False,
-        variant="scalar_spectral",
-    )
-    gaps = np.diff(np.sort([*phases, min(phases) + 1]))
-    assert len(phases) == 8 and gaps.min() > 0.08 and gaps.max() < 0.22
-
-
 def test_rows_share_a_sub_frame_where_the_picture_moves_less_than_half_a_pixel() -> None:
     """Centred on the middle of the exposure, over the phases; and never more sub-frames than motion asks for."""
     shutter, speed = Shutter(1e-4, 1e-3), 20.0
@@ -317,40 +237,6 @@ def test_rows_share_a_sub_frame_where_the_picture_moves_less_than_half_a_pixel()
     np.testing.assert_allclose(seen, np.arange(200) * 1e-3 + 5e-5, atol=step / 64)
     assert all(len(times_s) <= 200e-3 / step + 2 for times_s, _ in cuts)
     assert shutter.step_s(1, 0.0, (0, 200)) == pytest.approx(199e-3 + 1e-4)
-
-
-def test_sub_frames_share_the_samples_of_a_pass_evenly() -> None:
-    """The next count that divides them and leaves each a grid of the sampler; at most one sub-frame for each sample."""
-    assert [subframes_of_pass(n, 16) for n in (1, 2, 3, 5, 9, 16, 400)] == [
-        1,
-        2,
-        4,
-        8,
-        16,
-        16,
-        16,
-    ]
-    assert [subframes_of_pass(n, 12) for n in (1, 2, 4, 5, 7)] == [1, 2, 4, 6, 12]
-    assert [subframes_of_pass(n, 20) for n in (1, 2, 4, 5, 6)] == [
-        1,
-        5,
-        5,
-        5,
-        10,
-    ]  # 2 × 10 and 4 × 5 are no grids
-    assert subframes_of_pass(3, 1) == 1
-
-
-def test_the_camera_says_how_it_opens() -> None:
-    assert shutter_of(GLOBAL, ms.Exposure(0.1)) == Shutter(0.1, 0.0)
-    assert shutter_of(ROLLING, ms.Exposure(0.1)) == Shutter(0.1, 1e-3)
-    within_float32 = ROLLING.replace(**{"sensor.shutter": "global"})
-    assert (
-        within_float32.sensor.row_time_us == 1000
-        and shutter_of(within_float32, ms.Exposure(0.1)).row_time_s == 0
-    )
-    with pytest.raises(ms.InputError, match="a rolling shutter needs row_time_us"):
-        GLOBAL.replace(**{"sensor.shutter": "rolling"})
 
 
 @pytest.mark.parametrize("who", ["camera", "object"])
@@ -365,15 +251,6 @@ def test_the_fastest_thing_decides_how_many_sub_frames(tmp_path: Path, who: str)
     few = MovingScene(loaded(tmp_path, EDGE), RIGHT[who], GLOBAL, ms.Exposure(0.1), subframes=3)
     few.render(1, 16, (0, 2))
     assert few.notes[-1].startswith("4 sub-frames") and "11 would be smooth" in few.notes[-1]
-
-
-def test_a_thing_too_small_for_the_probing_rays_is_still_seen_to_move(tmp_path: Path) -> None:
-    place = '<point name="center" value="0.2,0.2,4"/><float name="radius" value="0.01"/>'
-    dot = f'<shape type="sphere" id="dot">{place}{GLOW}</shape>'
-    motion = read_motion({"objects": {"dot": {"velocity_m_per_s": [10, 0, 0]}}})
-    assert MovingScene(
-        loaded(tmp_path, dot), motion, GLOBAL, ms.Exposure(0.01)
-    ).speed_px_per_s == pytest.approx(52, rel=0.02)
 
 
 KINDS = {
@@ -411,38 +288,6 @@ def test_every_kind_of_shape_moves_turns_and_comes_back(
     assert distance_m(scene) == pytest.approx(before, abs=1e-6)
 
 
-TRIANGLE = """ply
-format ascii 1.0
-element vertex 3
-property float x
-property float y
-property float z
-element face 1
-property list uchar int vertex_indices
-end_header
--9 -9 4
-9 -9 4
-0 9 4
-3 0 1 2
-"""
-
-
-@scalar_first
-def test_a_mesh_without_normals_moves(tmp_path: Path, variant: str) -> None:
-    """Its array of normals is there, and empty."""
-    (tmp_path / "triangle.ply").write_text(TRIANGLE, encoding="utf-8")
-    flat = '<boolean name="face_normals" value="true"/>'
-    file = f'<string name="filename" value="{tmp_path / "triangle.ply"}"/>'
-    scene = loaded(
-        tmp_path, SKY, f'<shape type="ply" id="it">{file}{flat}</shape>', variant=variant
-    )
-    away = read_motion({"objects": {"it": {"velocity_m_per_s": [0, 0, 10]}}})
-    with AnimatedTransforms(scene, away) as transforms:
-        transforms.set_time(0.1)
-        assert distance_m(scene) == pytest.approx(5, abs=1e-4)
-    assert distance_m(scene) == pytest.approx(4, abs=1e-6)
-
-
 @scalar_first
 def test_a_spot_light_moves_turns_and_comes_back(tmp_path: Path, variant: str) -> None:
     """The patch that it lights goes where it goes: out of the picture, and half a turn takes the light away from it."""
@@ -463,50 +308,6 @@ def test_a_spot_light_moves_turns_and_comes_back(tmp_path: Path, variant: str) -
     before = lit(away, 0)
     assert before > 0 and lit(away, 1) == 0 and lit(turn, 1) == 0
     assert lit(turn, 2) == pytest.approx(before, rel=1e-4)
-
-
-def test_two_things_of_one_material_move_apart(tmp_path: Path) -> None:
-    """Meshes of one material stay shapes with names of their own."""
-    place = '<transform name="to_world"><translate x="{}" z="5"/></transform>'
-    cube = f'<shape type="cube" id="{{}}">{place}<ref id="m"/></shape>'
-    pair = '<bsdf type="diffuse" id="m"/>' + cube.format("it", 0) + cube.format("other", 9)
-    scene = loaded(tmp_path, SKY, pair)
-    with AnimatedTransforms(
-        scene, read_motion({"objects": {"other": {"velocity_m_per_s": [-90, 0, -10]}}})
-    ) as transforms:
-        transforms.set_time(0.1)
-        assert distance_m(scene) == pytest.approx(3.0, abs=1e-4)
-
-
-def test_all_poses_share_one_kernel(tmp_path: Path) -> None:
-    """Passes after the first, at other instants, run no kernel that the first did not (LLVM compiles 1 to 4 s)."""
-    scene = loaded(
-        tmp_path, EDGE, KINDS["sphere"].format(glow=GLOW), SKY, variant="llvm_ad_spectral"
-    )
-    both = {"edge": {"velocity_m_per_s": [-10, 0, 0]}, "it": {"velocity_m_per_s": [0, 1, 0]}}
-    moving = MovingScene(
-        scene,
-        read_motion({"camera": {"velocity_m_per_s": [1, 0, 0]}, "objects": both}),
-        GLOBAL,
-        ms.Exposure(0.1),
-    )
-    dr = drjit()
-
-    def kernels(seed: int) -> set[Any]:
-        dr.kernel_history_clear()
-        moving.render(seed, 4, (0, ROWS))
-        return {
-            entry["hash"] for entry in dr.kernel_history() if entry["type"] == dr.KernelType.JIT
-        }
-
-    before = dr.flag(dr.JitFlag.KernelHistory)
-    dr.set_flag(dr.JitFlag.KernelHistory, True)
-    try:
-        kernels(1)
-        first, second = kernels(2), kernels(3)
-    finally:
-        dr.set_flag(dr.JitFlag.KernelHistory, before)
-    assert first and second <= first
 
 
 def test_steady_velocities_have_their_closed_form() -> None:
@@ -575,51 +376,14 @@ def test_a_camera_key_is_the_pose_that_mitsuba_makes_of_the_same_values() -> Non
             )
 
 
-def test_a_camera_turns_about_its_own_place() -> None:
-    camera = read_motion({"camera": {"rotate_deg_per_s": 180, "axis": [0, 1, 0]}}).camera
-    base = np.eye(4)
-    base[:3, 3] = [7, 8, 9]
-    assert camera is not None
-    np.testing.assert_allclose(
-        (camera.displacement(1.0, base) @ base)[:3, 3], [7, 8, 9], atol=1e-12
-    )
-
-
 TURN = {"rotate_deg_per_s": 90, "axis": [0, 1, 0]}
 MISTAKES: dict[str, tuple[Any, str]] = {
-    "a number": (3, "motion is 3; pass a TOML file, a mapping of its fields, or a Motion"),
     "nothing": ({}, r"moves nothing; give it a table \[camera\] or \[objects\.ID\]"),
-    "a wrong table": (
-        {"camra": {}},
-        r"camra is not a field of a motion file\. Did you mean 'camera'\?",
-    ),
-    "a wrong field": (
-        {"camera": {"velocity": [1, 0, 0]}},
-        "Did you mean 'camera.velocity_m_per_s'",
-    ),
-    "no table": ({"camera": 3}, "camera is 3; it must be a table"),
-    "an empty body": (
-        {"camera": {}},
-        "must have either velocity_m_per_s or rotate_deg_per_s, or keys, and not both",
-    ),
     "both ways": ({"camera": {**TURN, "keys": [{"time_s": 0}]}}, "or keys, and not both"),
-    "two numbers": (
-        {"camera": {"velocity_m_per_s": [1, 0]}},
-        r"camera\.velocity_m_per_s is \[1, 0\]; it must be at least 3 long \(constant velocity \[m/s\]",
-    ),
-    "a text": (
-        {"camera": {"velocity_m_per_s": [1, "x", 0]}},
-        r"velocity_m_per_s\.1 is 'x'; it must be a number \(constant velocity \[m/s\], e\.g\.",
-    ),
-    "not a number": (
-        {"camera": {"velocity_m_per_s": [1, math.nan, 0]}},
-        r"velocity_m_per_s\.1 is nan; it must be a finite number",
-    ),
     "no axis": (
         {"camera": {"rotate_deg_per_s": 9}},
         "has rotate_deg_per_s and no axis; a rotation needs both",
     ),
-    "no angle": ({"camera": {"axis": [0, 1, 0]}}, "has axis and no rotate_deg_per_s"),
     "a null axis": (
         {"camera": {"rotate_deg_per_s": 9, "axis": [0, 0, 0]}},
         r"axis is \[0, 0, 0\]; give a",
@@ -632,10 +396,6 @@ MISTAKES: dict[str, tuple[Any, str]] = {
         {"camera": {"keys": [{"move_m": [0, 0, 1]}]}},
         r"camera\.keys\.0\.time_s is missing; seconds from time 0 of the motion, e\.g\. 0\.01",
     ),
-    "no list": (
-        {"camera": {"keys": {"time_s": 0}}},
-        r"must be a list \(a list of tables with time_s",
-    ),
     "an order": (
         {"camera": {"keys": [{"time_s": 1}, {"time_s": 1}]}},
         "has time_s 1 after 1; the times must increase",
@@ -647,10 +407,6 @@ MISTAKES: dict[str, tuple[Any, str]] = {
     "half a place": (
         {"camera": {"keys": [{"time_s": 0, "origin_m": [0, 0, 0]}]}},
         "one of move_m and turn_deg, origin_m",
-    ),
-    "no matrix": (
-        {"camera": {"keys": [{"time_s": 0, "to_world": [[1, 2]]}]}},
-        r"to_world\.0 is \[1, 2\]; it must be at least 4 long \(pose of the camera, four rows of four numbers",
     ),
     "a stretch": (
         {"camera": {"keys": [{"time_s": 0, "to_world": np.diag([2.0, 1, 1, 1]).tolist()}]}},

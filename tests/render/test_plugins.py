@@ -20,13 +20,11 @@ from helpers.scenes import (
     both_variants,
     read_settings,
     scalar_first,
-    scene_text,
     skip_unless_usable,
     write_scene,
 )
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.optics.intrinsics import aperture_f_number, image_distance_m, magnification
 from mitsuba_sensor.render.light.bands import box_bands, channel_bands
 from mitsuba_sensor.render.plugins import plugin_hook
 from mitsuba_sensor.render.scene.scene import Scene, load_scene
@@ -128,42 +126,6 @@ def test_a_camera_in_focus_is_a_thin_lens_in_scene_units(
     np.testing.assert_array_equal(ours.render(1, 16, (0, 8)), hand.render(1, 16, (0, 8)))
 
 
-@pytest.mark.parametrize(
-    ("lens", "name", "value"),
-    [(LENS + FOCUS, "aperture_radius", 0.05e-3 / 4), (LENS, "principal_point_offset_x", 0.1)],
-)
-def test_plain_mitsuba_gets_the_same_sensor_as_load_scene(
-    tmp_path: Path, lens: str, name: str, value: float
-) -> None:
-    """The factory and the rewriting agree on every parameter, also on those that are passed along."""
-    mi = ready("scalar_spectral")
-    more = '<float name="near_clip" value="0.5"/><transform name="to_world"><translate x="1" z="-2"/></transform>'
-    if name == "principal_point_offset_x":
-        more += f'<float name="{name}" value="{value}"/>'
-    path = write_scene(tmp_path, one_file(lens + more))
-    ours, theirs = (
-        mi.traverse(s) for s in (load_scene(path, BANDS, {}).sensor, plain(path).sensors()[0])
-    )
-    same = {key for key, _ in ours if not key.startswith("film.band")}
-    assert {"x_fov", "near_clip", "far_clip", "to_world", name} < same
-    assert all(str(ours[key]) == str(theirs[key]) for key in same)
-    assert ours["near_clip"] == 0.5 and ours[name] == pytest.approx(value, rel=1e-6)
-
-
-def test_f_number_and_magnification_come_back_from_the_built_sensor(tmp_path: Path) -> None:
-    """N from aperture and focus, m = f/(d − f), s = f·(1 + m); close up, where the image distance matters most."""
-    ready("scalar_spectral")
-    lens = '<float name="focal_length_mm" value="25"/><float name="f_number" value="4"/>'
-    lens += '<float name="focus_distance_m" value="0.1"/><string name="scene_unit" value="cm"/>'
-    path = write_scene(tmp_path, one_file(lens))
-    camera = read_settings(path, {}).camera
-    assert camera is not None and camera.lens.f_number == 4
-    view = load_scene(path, BANDS, {}, camera).view
-    assert aperture_f_number(view, camera) == pytest.approx(4, rel=1e-6)
-    assert magnification(view, camera) == pytest.approx(25 / 75, rel=1e-6)
-    assert image_distance_m(view, camera) == pytest.approx(0.025 * (1 + 25 / 75), rel=1e-6)
-
-
 def test_a_whole_render_of_one_file_is_that_of_the_scene_by_hand(tmp_path: Path) -> None:
     ready("scalar_spectral")
     options: dict[str, Any] = {"spp": 8, "bandwidth_nm": 100, "variant": "scalar_spectral"}
@@ -175,32 +137,6 @@ def test_a_whole_render_of_one_file_is_that_of_the_scene_by_hand(tmp_path: Path)
         **options,
     )
     np.testing.assert_array_equal(ours.data, hand.data)
-
-
-def test_the_film_is_the_whole_sensor_unless_it_says_less(tmp_path: Path) -> None:
-    ready("scalar_spectral")
-    small = '<integer name="sensor.columns" value="24"/><integer name="sensor.rows" value="6"/>'
-    path = write_scene(tmp_path, one_file(LENS, NAME + small))
-    assert load_scene(path, BANDS, {}).view.size == (24, 6)
-    assert tuple(plain(path).sensors()[0].film().size()) == (24, 6)
-    crop = '<integer name="crop_width" value="3"/><integer name="crop_offset_x" value="2"/>'
-    view = load_scene(write_scene(tmp_path, one_file(LENS, NAME + SIZE + crop)), BANDS, {}).view
-    assert (view.size, view.crop_size, view.crop_offset) == ((12, 8), (3, 8), (2, 0))
-
-
-def test_two_films_keep_their_own_pixels(tmp_path: Path) -> None:
-    """Nothing is shared between loads: each sensor finds the pitch of its own film, whichever was loaded last."""
-    mi = ready("scalar_spectral")
-    pitch = '<float name="pixel.pitch_x_um" value="{0}"/><float name="pixel.pitch_y_um" value="{0}"/>'
-    scenes = [
-        plain(write_scene(tmp_path, one_file(LENS, NAME + SIZE + pitch.format(um))))
-        for um in (2.0, 8.0)
-    ]
-    for scene, um in zip(scenes, (2.0, 8.0), strict=True):
-        expected = 2 * math.degrees(math.atan(12 * um * 1e-6 / (2 * 0.05e-3)))
-        assert float(mi.traverse(scene.sensors()[0])["x_fov"]) == pytest.approx(
-            expected, rel=1e-6
-        )
 
 
 def test_channels_of_the_film_hold_the_transmission_of_the_sensor_around_it(
@@ -222,17 +158,6 @@ def test_channels_of_the_film_hold_the_transmission_of_the_sensor_around_it(
     assert values[-1] / values[0] == pytest.approx(0.9 / 0.5 * 700 / 400, rel=1e-3)
 
 
-def test_wavelengths_are_drawn_from_the_mended_density(tmp_path: Path) -> None:
-    """Whole numbers from 1 to 64, as for the films of load_scene: neighbours are equal or clearly different."""
-    mi = ready("scalar_spectral")
-    spectral = '<string name="spectral" value="channels"/>'
-    film = (
-        plain(write_scene(tmp_path, one_file(LENS, NAME + SIZE + spectral))).sensors()[0].film()
-    )
-    density = np.array(mi.traverse(film.sensor_response_function())["values"])
-    assert density.max() == 64 and density.min() >= 1 and (density == np.round(density)).all()
-
-
 def test_defaults_and_given_parameters_reach_both_elements(tmp_path: Path) -> None:
     mi = ready("scalar_spectral")
     default = '<default name="f" value="0.05"/><default name="bits" value="10"/>'
@@ -252,79 +177,6 @@ def test_defaults_and_given_parameters_reach_both_elements(tmp_path: Path) -> No
         assert view == pytest.approx(fov_deg(focal * 1e-3), rel=1e-6)
 
 
-def test_a_text_none_in_the_film_unsets_a_field_of_its_camera(tmp_path: Path) -> None:
-    """The read noise in electrons instead of W_f and f_c; another camera overrules both."""
-    none = '<string name="source_follower.white_nv_per_rthz" value="none"/>'
-    film = NAME + SIZE + none + '<float name="source_follower.read_noise_e" value="3"/>'
-    settings = read_settings(write_scene(tmp_path, one_file(LENS, film)), {})
-    assert (
-        settings.camera is not None
-        and settings.camera.source_follower.white_nv_per_rthz is None
-    )
-    assert settings.camera.source_follower.read_noise_e == 3
-    (note,) = settings.unused_note(ms.load_camera("bayer_2mp"))
-    assert note.startswith(
-        "not used of the scene: source_follower.read_noise_e; the camera bayer_2mp"
-    )
-
-
-def test_setup_holds_what_the_file_says(tmp_path: Path) -> None:
-    lens = (
-        LENS
-        + FOCUS
-        + '<string name="pupil_convention" value="planar"/><float name="pupil_magnification" value="1.5"/>'
-    )
-    film = NAME + SIZE + (
-        '<float name="exposure_s" value="0.02"/><float name="temperature_k" value="310"/>'
-        '<integer name="seed" value="7"/><integer name="serial" value="9"/><float name="wavelength_nm" value="600"/>'
-        '<float name="bandwidth_nm" value="5"/><string name="spectral" value="cube"/>'
-        '<float name="pixel.prnu" value="0.02"/>'
-    )  # fmt: skip
-    lens += '<float name="transmission" value="0.8"/>'
-    settings = read_settings(write_scene(tmp_path, one_file(lens, film)), {})
-    assert settings.exposure == ms.Exposure(0.02, 310.0)
-    assert (settings.seed, settings.serial, settings.wavelength_nm, settings.bandwidth_nm) == (
-        7,
-        9,
-        600.0,
-        5.0,
-    )
-    assert (settings.spectral, settings.focus_distance_m, settings.unit_m) == (
-        "cube",
-        3.0,
-        None,
-    )
-    expected = {
-        "lens.f_number": 2.0,
-        "lens.convention": "planar",
-        "lens.pupil_magnification": 1.5,
-    }
-    fields = {**expected, "lens.transmission": 0.8, "pixel.prnu": 0.02}
-    sources = {**CAMERA.sources, **dict.fromkeys(fields, "set by the scene file")}
-    assert settings.camera == CAMERA.replace(**fields, sources=sources)
-
-
-def test_setup_is_empty_where_the_file_says_nothing(tmp_path: Path) -> None:
-    """And the exposure is metered."""
-    settings = read_settings(write_scene(tmp_path, scene_text(SKY)), {})
-    assert settings.camera is settings.seed is settings.serial is settings.spectral is None
-    assert settings.exposure == ms.Metering()
-    assert not settings.fields and settings.applied_to(CAMERA) == CAMERA
-
-
-def test_fields_of_the_file_fit_another_camera_too(tmp_path: Path) -> None:
-    """A camera from elsewhere takes the lens of the scene; a prescription takes focal length and focus too."""
-    settings = read_settings(write_scene(tmp_path, one_file(LENS + FOCUS, SIZE)), {})
-    other = ms.load_camera("eev_44_82")
-    assert (
-        settings.camera is None
-        and settings.applied_to(other).lens.f_number == 2
-        and settings.applied_to(other).pixel == other.pixel
-    )
-    lens = settings.applied_to(other.replace(**{"lens.prescription": "double_gauss"})).lens
-    assert (lens.focal_length_mm, lens.focus_m) == (0.05, 3.0)
-
-
 def test_a_gain_setting_is_that_of_the_camera_of_the_film(tmp_path: Path) -> None:
     """What the film sets beside it comes after it, and another camera does not get it."""
     film = '<string name="camera" value="sony_a7s2"/><integer name="gain" value="800"/>'
@@ -336,25 +188,6 @@ def test_a_gain_setting_is_that_of_the_camera_of_the_film(tmp_path: Path) -> Non
     assert (noise.read_noise_e, noise.read_noise_shape) == (4.637, 0.1)
     settings = read_settings(write_scene(tmp_path, one_file(LENS, film)), {})
     assert settings.camera == shipped and settings.applied_to(CAMERA) == CAMERA
-
-
-@pytest.mark.parametrize(
-    ("camera", "sentence"),
-    [
-        ("sony_a7s2", r"line 3: gain is '900'; the gain settings of sony_a7s2 are 100, "),
-        ("bayer_2mp", r"line 3: gain is '900', and bayer_2mp has no gain settings"),
-        ("", r"line 3: gain is '900', and no camera is named; name the camera"),
-    ],
-)
-def test_a_gain_that_the_camera_of_the_film_does_not_have_is_refused(
-    tmp_path: Path, camera: str, sentence: str
-) -> None:
-    named = f'<string name="camera" value="{camera}"/>'
-    if not camera:
-        named = ""
-    path = write_scene(tmp_path, one_file(LENS, named + '<string name="gain" value="900"/>'))
-    with pytest.raises(ms.InputError, match=sentence):
-        read_settings(path, {})
 
 
 def test_a_camera_file_lies_beside_the_scene(tmp_path: Path) -> None:
@@ -376,32 +209,6 @@ def test_a_camera_file_lies_beside_the_scene(tmp_path: Path) -> None:
     assert float(mi.traverse(plain(path).sensors()[0])["x_fov"]) == pytest.approx(
         2 * math.degrees(math.atan(12 * 11.4e-6 / 1e-4)), rel=1e-6
     )
-
-
-def test_files_of_inline_fields_lie_beside_the_scene(tmp_path: Path) -> None:
-    (tmp_path / "qe.csv").write_text(
-        "wavelength_nm,mono_fraction\n420,0.1\n680,0.3\n", encoding="utf-8"
-    )
-    film = NAME + SIZE + '<string name="quantum_efficiency.file" value="qe.csv"/>'
-    camera = read_settings(write_scene(tmp_path, one_file(LENS, film)), {}).camera
-    assert camera is not None and camera.qe([420.0, 680.0]).tolist() == [[0.1, 0.3]]
-
-
-def test_registering_works_before_any_variant_is_set() -> None:
-    """In a fresh process, the order of a Mitsuba user: register, set a variant, load; and another variant later."""
-    code = (
-        "import mitsuba_sensor as ms\n"
-        "ms.register_plugins(); ms.register_plugins()\n"
-        "import mitsuba as mi\n"
-        "assert mi.variant() is None, 'a variant was set'\n"
-        "for variant in ('scalar_spectral', 'scalar_rgb', 'scalar_spectral'):\n"
-        "    mi.set_variant(variant)\n"
-        f"assert mi.load_file({str(SCENES / 'one_file.xml')!r}, width='8', height='6').sensors()\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env=dict(os.environ)
-    )
-    assert done.returncode == 0, done.stderr
 
 
 TYPING_ERRORS = [
@@ -475,17 +282,6 @@ def test_a_camera_around_another_film_takes_its_pixels_from_the_camera_that_rend
     )
     with pytest.raises(RuntimeError, match="needs a <film"):
         plain(path)
-
-
-def test_a_variant_without_spectra_is_refused(tmp_path: Path) -> None:
-    mi = ready("scalar_spectral")
-    path = write_scene(tmp_path, one_file())
-    mi.set_variant("scalar_rgb")
-    try:
-        with pytest.raises(RuntimeError, match="needs a spectral variant"):
-            plain(path)
-    finally:
-        mi.set_variant("scalar_spectral")
 
 
 @both_variants

@@ -6,7 +6,6 @@ Seeds are fixed. The chance of a false alarm is stated where a bound is statisti
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from helpers.scenes import skip_unless_usable
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Float64Array
-from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
 from mitsuba_sensor.render.lint.lint import DEPOLARISING
 from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.variants import mitsuba
@@ -139,24 +137,6 @@ def test_the_materials_that_depolarise_are_those_that_lint_names() -> None:
     assert unpolarised == {*DEPOLARISING} - {"measured"} | UNPOLARISED
 
 
-def test_materials_that_depolarise_are_named_of_a_loaded_scene() -> None:
-    """Also inside others; and none of those that polarise."""
-    mi = mitsuba()
-    mi.set_variant("scalar_spectral_polarized")
-    kinds = sorted({*DEPOLARISING} - {"measured"})
-    shapes = {
-        kind: {"type": "sphere", "center": [0, 0, -9], "bsdf": {"type": kind}}
-        for kind in (*kinds, *POLARISE)
-    }
-    shapes["plastic"]["bsdf"] = {"type": "twosided", "bsdf": {"type": "plastic"}}
-    film = {"type": "hdrfilm", "width": 4, "height": 4}
-    view = {"sensor": {"type": "perspective", "film": film}, "sky": {"type": "constant"}}
-    loaded = mi.load_dict({"type": "scene", **view, **shapes})
-    notes = ms.render(loaded, MOSAIC, EXPOSURE, **{**FEW, "spp": 1}).notes
-    (note,) = (one for one in notes if "Mitsuba depolarises" in one)
-    assert f"what {', '.join(map(repr, kinds))} reflects" in note
-
-
 @pytest.mark.parametrize(
     ("incidence_deg", "expected"), [exhaustive(56.31, 1.0), (70.0, 0.7516)]
 )
@@ -167,29 +147,6 @@ def test_glass_polarises_as_fresnel_says(incidence_deg: float, expected: float) 
     light = ms.render(text, MOSAIC, EXPOSURE, **{**FEW, "spp": 1024})
     assert dolp(light) == pytest.approx(expected, rel=2e-3)
     assert aolp_deg(light) == pytest.approx(0, abs=0.2)
-
-
-@pytest.mark.parametrize("roll_deg", one_in(2, [-45.0, 20.0, 70.0, 90.0]))
-def test_a_rotated_camera_sees_the_rotated_angle(roll_deg: float) -> None:
-    """The horizon of a camera that is rolled clockwise turns counter-clockwise in its picture, and the angle of the
-    light that is reflected with it, within 2°, five standard errors."""
-    light = ms.render(floor_seen_at(60.0, roll_deg), MOSAIC, EXPOSURE, **{**FEW, "spp": 256})
-    off = (aolp_deg(light) - roll_deg + 90) % 180 - 90
-    assert abs(off) < 2.0 and dolp(light) > 0.9
-
-
-def test_a_mirrored_picture_has_the_mirrored_angle() -> None:
-    mi = mitsuba()
-    mi.set_variant(POLARIZED)
-    own = mi.load_string(scene(plate(30.0)))
-    pose = mi.traverse(own.sensors()[0])["to_world"].matrix
-    flipped = np.array(pose).reshape(4, 4) @ np.diag([-1.0, 1.0, 1.0, 1.0])
-    matrix = " ".join(map(str, flipped.ravel()))
-    text = scene(plate(30.0))
-    start, end = text.index("<lookat"), text.index("</transform><film")
-    mirrored = f'{text[:start]}<matrix value="{matrix}"/>{text[end:]}'
-    angles = [aolp_deg(ms.render(one, MOSAIC, EXPOSURE, **FEW)) for one in (text, mirrored)]
-    assert angles[0] == pytest.approx(-angles[1], abs=0.01) and abs(angles[0]) > 29
 
 
 def test_it_is_the_light_of_mitsubas_stokes_vectors() -> None:
@@ -227,14 +184,6 @@ def test_a_circular_polariser_has_no_angle_and_no_light_is_negative() -> None:
     assert dolp(crossed) == pytest.approx(1, abs=1e-5)
 
 
-@pytest.mark.parametrize("ratio", [1.0, 3.0, 300.0])
-def test_a_finite_extinction_ratio_shows_as_less_polarisation(ratio: float) -> None:
-    """(r − 1)/(r + 1) of it; none at 1."""
-    camera = MOSAIC.replace(**{"sensor.extinction_ratio": ratio})
-    light = ms.render(scene(plate(30.0)), camera, EXPOSURE, **FEW)
-    assert dolp(light) == pytest.approx((ratio - 1) / (ratio + 1), abs=2e-5)
-
-
 def test_an_extinction_ratio_by_wavelength_is_that_of_each_band() -> None:
     points = MOSAIC.quantum_efficiency.wavelengths_nm
     ratios = np.interp(points, [500.0, 600.0], [3.0, 9.0])
@@ -260,34 +209,6 @@ def test_without_extinction_the_sensor_is_behind_a_grey_filter() -> None:
     for frames, camera in ((behind, grey), (ideal, MOSAIC)):
         assert frames.photoelectrons.mean() == pytest.approx(mean_e / 2, rel=2e-3)
         assert camera.qe(550) == pytest.approx(PLAIN.qe(550) / 2)
-
-
-def test_photons_of_an_array_are_unpolarised_and_a_note_says_so() -> None:
-    light = np.full((40, 60), 8000.0)
-    camera = MOSAIC.replace(
-        **{"sensor.extinction_ratio": 4.0, "sensor.polarizer_transmission": 0.8}
-    )
-    frames = ms.expose(light, camera, EXPOSURE, wavelengths_nm=550, keep="photoelectrons")
-    expected = 8000 * PLAIN.qe(550)[0] * 0.5 * 0.8 * 1.25
-    # five standard errors of 2400 pixels
-    assert frames.photoelectrons.mean() == pytest.approx(
-        expected, abs=5 * math.sqrt(expected / 2400)
-    )
-    assert any(
-        "taken as unpolarised" in note and "0.5 of it" in note for note in frames.exposure_notes
-    )
-
-
-def test_a_crop_is_a_part_of_the_whole_mosaic() -> None:
-    names = {"crop_offset_x": 3, "crop_offset_y": 5, "crop_width": 20, "crop_height": 10}
-    crop = "".join(
-        f'<integer name="{name}" value="{number}"/>' for name, number in names.items()
-    )
-    whole, part = (
-        ms.render(scene(plate(30.0), crop=one), MOSAIC, EXPOSURE, **FEW) for one in ("", crop)
-    )
-    assert part.origin == (5, 3)
-    np.testing.assert_allclose(part.data, whole.data[5:15, 3:23], rtol=1e-3)
 
 
 def test_colour_filters_and_polarisers_repeat_each_in_their_own_tile() -> None:
@@ -334,20 +255,6 @@ def test_a_camera_without_polarisers_sees_all_light_of_a_scene_that_polarises() 
     assert render_aovs(one, PLAIN).depth_m.shape == (24, 32)
 
 
-def test_ignored_polarisation_is_unpolarised_light() -> None:
-    light = ms.render(scene(plate(30.0)), MOSAIC, EXPOSURE, ignore_polarization=True, **FEW)
-    assert light.polarizers is None and light.statistics.variant == LLVM
-    assert light.data.std() < 1e-3 * light.data.mean()
-
-
-def test_a_file_keeps_the_light_behind_the_polarisers(tmp_path: Path) -> None:
-    light = ms.render(scene(plate(30.0)), MOSAIC, EXPOSURE, **FEW)
-    write_irradiance_exr(tmp_path / "light.exr", light)
-    again = read_irradiance_exr(tmp_path / "light.exr")
-    assert again.polarizers == light.polarizers is not None
-    np.testing.assert_array_equal(ms.expose(light).digital, ms.expose(again).digital)
-
-
 def test_light_behind_polarisers_is_for_the_same_polarisers_at_the_same_place() -> None:
     light = ms.render(scene(plate(30.0)), MOSAIC, EXPOSURE, **FEW)
     other = MOSAIC.replace(**{"sensor.extinction_ratio": 5})
@@ -388,10 +295,3 @@ def test_every_lens_works_with_polarisers(lens: dict[str, Any]) -> None:
     light = ms.render(scene(plate(30.0)), camera, EXPOSURE, **{**FEW, "spp": 64})
     assert aolp_deg(light) == pytest.approx(-30, abs=0.5)
     assert dolp(light) == pytest.approx(1, abs=0.01)
-
-
-def test_scalar_and_compiled_variants_agree() -> None:
-    text = scene(plate(30.0), size=(8, 6))
-    light = ms.render(text, MOSAIC, EXPOSURE, variant="scalar_spectral_polarized", **FEW)
-    assert aolp_deg(light) == pytest.approx(-30, abs=0.01)
-    assert dolp(light) == pytest.approx(1, abs=1e-4)

@@ -57,6 +57,10 @@ def test_mitsuba_renders_the_raw_frame_of_capture(tmp_path: Path, variant: str) 
     bitmap = np.array(film.bitmap())
     assert bitmap.dtype == np.uint16
     np.testing.assert_array_equal(bitmap.reshape(8, 6), wanted.digital[0])
+    film.write(str(tmp_path / "raw.png"))
+    picture = np.array(mi.Bitmap(str(tmp_path / "raw.png")))
+    assert picture.dtype == np.uint16
+    np.testing.assert_array_equal(picture.reshape(8, 6), wanted.digital[0])
     film.write(str(tmp_path / "raw.exr"))
     with OpenEXR.File(str(tmp_path / "raw.exr"), separate_channels=True) as file:
         np.testing.assert_array_equal(file.channels()["Y"].pixels, wanted.digital[0])

@@ -104,17 +104,3 @@ def test_a_fitted_double_gauss_renders_as_the_double_gauss(tmp_path: Path) -> No
     assert light / same == pytest.approx(1.006, abs=1e-3)
     assert found.mean() / expected.mean() == pytest.approx(light / same, rel=3e-3)
     assert np.abs(found - expected).max() < 4 * 0.5 * math.sqrt(2 / SAMPLES) * expected.max()
-
-
-@pytest.mark.exhaustive
-def test_the_halves_of_the_pupil_add_up_to_the_whole(tmp_path: Path) -> None:
-    """The halves have as much light as the whole within 0.3 %, and a ball out of focus at other places."""
-    data, _ = thin_lens(50.0, 5.0)
-    cam = camera(f_number=8.0, prescription=written(tmp_path, data), focus_m=1.0)
-    sensor = '<sensor type="perspective"></sensor>'
-    left, right, whole = (
-        rendered(tmp_path, cam.replace(**{"lens.half_pupil": half}), sensor)
-        for half in ("left", "right", None)
-    )
-    assert (left + right).mean() == pytest.approx(whole.mean(), rel=3e-3)
-    assert np.abs(left - right).max() > 0.1 * whole.max()

@@ -25,7 +25,6 @@ from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.passes.prepared import METERING_SPP
 from mitsuba_sensor.render.samples import PASSES_MIN, pass_plan, whole_grid
-from mitsuba_sensor.render.variants import mitsuba
 
 TABLE1, BAYER, EXPOSURE = (
     ms.load_camera("konnik_table1"),
@@ -132,15 +131,6 @@ def test_parameters_that_cannot_be_set_are_refused(
     assert "\n" not in str(caught.value)
 
 
-def test_a_loaded_scene_is_changed_by_its_owner(tmp_path: Path) -> None:
-    mi = mitsuba()
-    mi.set_variant("scalar_spectral")
-    loaded = mi.load_string(scene_text(LAMP.format(1)))
-    for options in ({"traverse": {VALUE: 2}}, {"look_at": "0,0,0 0,0,1"}, {"repeatable": True}):
-        with pytest.raises(ms.InputError, match="which it cannot change"):
-            ms.render(loaded, TABLE1, EXPOSURE, **options, **ONE_BAND)
-
-
 @scalar_first
 def test_the_pose_is_that_of_lookat_in_the_file_in_metres(tmp_path: Path, variant: str) -> None:
     """AOVs of the same pose in the file and as an option; a scene in centimetres."""
@@ -169,25 +159,6 @@ def test_the_pose_is_that_of_lookat_in_the_file_in_metres(tmp_path: Path, varian
         np.testing.assert_allclose(one.depth_m, expected.depth_m, rtol=1e-4, atol=1e-5)
 
 
-def test_a_scale_and_a_mirror_of_the_camera_stay(tmp_path: Path) -> None:
-    """An orthographic camera of 3 m half width that is mirrored sees the points of the file's pose, moved along."""
-    sensor = PERSPECTIVE.replace("perspective", "orthographic").replace(
-        '<float name="fov" value="60"/>', ""
-    )
-    pose = (
-        '<transform name="to_world"><scale x="-3" y="3" z="1"/><translate z="{}"/></transform>'
-    )
-    (tmp_path / "near").mkdir()
-    far = write_scene(tmp_path, scene_text(SKY, WALL, sensor=sensor, more=pose.format(-5)))
-    near = write_scene(
-        tmp_path / "near", scene_text(SKY, WALL, sensor=sensor, more=pose.format(1))
-    )
-    found = render_aovs(far, TABLE1, look_at="0,0,1 0,0,2", variant="scalar_spectral")
-    expected = render_aovs(near, TABLE1, variant="scalar_spectral")
-    np.testing.assert_allclose(found.position_m, expected.position_m, rtol=1e-5, atol=1e-5)
-    assert np.ptp(found.position_m[..., 0]) > 5
-
-
 @pytest.mark.parametrize(
     ("look_at", "said"),
     [
@@ -208,17 +179,6 @@ def test_a_pose_that_is_none_is_refused(look_at: Any, said: str) -> None:
     with pytest.raises(ms.InputError, match=said) as caught:
         ms.render(SCENES / "flat_field.xml", TABLE1, EXPOSURE, look_at=look_at)
     assert "\n" not in str(caught.value)
-
-
-def test_the_pose_of_the_camera_is_given_once(tmp_path: Path) -> None:
-    sensor = PERSPECTIVE.replace("<sensor", '<sensor id="eye"')
-    scene = write_scene(tmp_path, scene_text(SKY, WALL, sensor=sensor))
-    matrix = {"eye.to_world": np.eye(4).tolist()}
-    render_aovs(scene, TABLE1, traverse=matrix, variant="scalar_spectral")
-    with pytest.raises(ms.InputError, match="leave one of them out"):
-        render_aovs(
-            scene, TABLE1, traverse=matrix, look_at="0,0,0 0,0,1", variant="scalar_spectral"
-        )
 
 
 def test_the_command_line_takes_names_and_a_pose(tmp_path: Path, cli: Cli) -> None:
@@ -347,8 +307,3 @@ def test_frames_of_their_own_repeat(tmp_path: Path) -> None:
     frames = list(ms.render_frames(scene, TABLE1, ms.Exposure(1e-3), **options))
     found = [frame.light.statistics for frame in frames]
     assert all(one.samples_per_pixel / one.passes in (1, 2, 4, 8) for one in found)
-
-
-def test_time_is_not_repeatable() -> None:
-    with pytest.raises(ms.InputError, match="take max_spp instead"):
-        ms.render(SCENES / "flat_field.xml", TABLE1, EXPOSURE, repeatable=True, max_seconds=3)

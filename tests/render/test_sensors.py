@@ -118,43 +118,6 @@ def test_sensors_without_a_usable_id_go_by_their_number(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
-def test_each_sensor_has_the_camera_of_its_own_film() -> None:
-    films = [
-        f'<film type="photosensor"><string name="camera" value="{name}"/><float name="exposure_s" value="{time_s}"/>'
-        for name, time_s in (("konnik_table1", 0.01), ("bayer_2mp", 0.02))
-    ]
-    two = sensor('id="grey"', 0.0, films[0]) + sensor('id="colour"', 0.1, films[1])
-    captured = ms.capture(scene(two), sensor="all", spp=4, denoise=False)
-    grey, colour = captured.sensors["grey"], captured.sensors["colour"]
-    assert (grey.frames.camera.name, colour.frames.camera.name) == (
-        "konnik_table1",
-        "bayer_2mp",
-    )
-    assert [one.metadata["exposure"]["time_s"] for one in (grey, colour)] == [0.01, 0.02]
-
-
-@pytest.mark.exhaustive
-def test_sensors_share_instants_motion_and_light_groups() -> None:
-    motion = {"objects": {"ball": {"velocity_m_per_s": [3.0, 0.0, 0.0]}}}
-    groups = {"light_groups": "auto", "lights": {"sky": 0.5, "ball": "pwm(50, 0.5)"}}
-    timed = {
-        "fps": 10.0,
-        "frames": 2,
-        "start_s": 0.05,
-        "motion": motion,
-        "subframes": 2,
-        "spp": 8,
-    }
-    asked = {**FAST, **groups, **timed}
-    captured = ms.capture(scene(PAIR), "konnik_table1", EXPOSURE, sensor="all", **asked)
-    for one in captured.sensors.values():
-        assert [frame.start_s for frame in one.timed] == pytest.approx([0.05, 0.15])
-        assert one.metadata["sensor"]["start_s"] == 0.05
-    left, right = captured.sensors.values()
-    disparity_px = ball_column(left) - ball_column(right)
-    assert disparity_px == pytest.approx(FOCAL_PX * BASELINE_M / 3.0, abs=0.25)
-
-
 def test_sentences_name_the_sensors() -> None:
     with pytest.raises(
         ms.InputError, match=r"no sensor 'lefft'; its sensors are left, right. Did you"
@@ -192,14 +155,6 @@ def test_the_command_writes_a_folder_for_each_sensor_or_none(
     result = cli("render", file, "-o", tmp_path / "bad", *asked)
     assert result.exit_code == 2
     assert [path.name for path in (tmp_path / "bad").iterdir()] == ["right"]
-
-
-def test_the_note_on_sensors_lists_them_where_nobody_chose_one() -> None:
-    asked = {"camera": "konnik_table1", "exposure": EXPOSURE, "progress": False, **FAST}
-    notes = ms.render(scene(PAIR), **asked).notes
-    assert any("2 sensors (left, right); the first one was taken" in note for note in notes)
-    notes = ms.render(scene(PAIR), sensor="right", **asked).notes
-    assert not any("sensors" in note for note in notes)
 
 
 def test_a_dict_of_two_films_keeps_the_fields_of_each() -> None:
@@ -248,10 +203,3 @@ def test_a_sensor_without_an_image_is_told_what_it_does(kind: str) -> None:
     if kind == "irradiancemeter":
         with pytest.raises(ms.InputError, match="no sensor but irradiancemeter on a shape"):
             ms.render(scene_text(SKY, on_shape, sensor=""), **asked)
-
-
-def test_a_batch_is_told_to_be_taken_apart() -> None:
-    asked: Any = {"camera": "konnik_table1", "exposure": EXPOSURE, "progress": False, **FAST}
-    batch = BATCH.format('<sensor type="perspective"/>' * 2)
-    with pytest.raises(ms.InputError, match=r"several sensors on one film; .*--sensor all"):
-        ms.render(scene_text(SKY, batch, sensor=""), **asked)

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.render.motion.aovs import render_aovs
-from mitsuba_sensor.render.variants import mitsuba, variant_restored
+from mitsuba_sensor.render.variants import mitsuba
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
 SCENE = scene_text(SKY, BALL.format(bsdf=""))
@@ -115,26 +115,6 @@ def test_frames_one_by_one_do_not_mind_what_is_set_between_them() -> None:
         mi.set_variant(own)
         np.testing.assert_array_equal(next(frames).frames.digital, digital)
         assert mi.variant() == own
-
-
-def test_light_outlives_the_variant_in_which_it_was_rendered() -> None:
-    mi = user_has("scalar_rgb")
-    light = ms.render(SCENE, CAMERA, EXPOSURE, variant="llvm_ad_spectral", **FAST)
-    frames = ms.expose(light, seed=3)
-    mi.set_variant("llvm_ad_rgb")
-    np.testing.assert_array_equal(ms.expose(light, seed=3).digital, frames.digital)
-    assert frames.clean_of_each.shape == frames.digital.shape and mi.variant() == "llvm_ad_rgb"
-
-
-def test_where_none_was_set_that_of_the_call_stays(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Mitsuba cannot go back to none."""
-    mi = mitsuba()
-    mi.set_variant("scalar_rgb")
-    with monkeypatch.context() as patch:
-        patch.setattr(mi, "variant", lambda: None)
-        with variant_restored():
-            mi.set_variant("scalar_spectral")
-    assert mi.variant() == "scalar_spectral"
 
 
 @pytest.mark.parametrize("call", ["variant", "set", "loaded"])

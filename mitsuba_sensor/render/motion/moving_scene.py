@@ -27,7 +27,6 @@ from ...optics.waveform import Waveform
 from ..light.statistics import TimeSampling
 from ..samples import hashed_seed, whole_grid
 from ..scene.scene import Scene
-from ..scene.scene_edits import moved_vertices, vertex_arrays
 from ..variants import MitsubaObject, mitsuba
 from .motion import Motion, RigidMotion
 from .rays import camera_to_world, first_hits, project
@@ -42,6 +41,7 @@ INSTANTS = np.linspace(
 GUIDE_SUBFRAMES_MAX = 16  # of one exposure
 OF_BOX: Float64Array = np.stack(np.meshgrid(*3 * [[0.0, 0.5, 1.0]]), axis=-1).reshape(-1, 3)
 MOST_FLASHED = 256  # sub-frames of an exposure and pass under a lamp that flickers, unless more are asked for
+POSITIONS = "vertex_positions"  # of a mesh
 MIDDLE = 0.5  # phase of sub-frames in the middles of their shares of the exposure
 DIFFERENCE = (
     1 / 256
@@ -132,12 +132,11 @@ class AnimatedTransforms:
                 now = self._shapes[key]
                 if key.endswith(".to_world"):
                     value = displacement @ rest
-                else:  # flat up to Mitsuba 3.9, (N, 3) from 3.10 on
-                    value = (
-                        moved_vertices(key, rest, displacement)
-                        .astype(np.float32)
-                        .reshape(now.shape)
-                    )
+                else:
+                    value = rest @ displacement[:3, :3].T  # normals only turn
+                    if key.endswith(POSITIONS):
+                        value = value + displacement[:3, 3]
+                    value = value.astype(np.float32).reshape(now.shape)
                 self._shapes[key] = type(now)(value)
         if objects:
             self._shapes.update()
@@ -202,12 +201,12 @@ def _movable_parameters(parameters: MitsubaObject, name: str) -> dict[str, Float
         return {
             transform: np.array(parameters[transform].matrix, dtype=np.float64).reshape(4, 4)
         }
-    arrays = vertex_arrays(parameters, name)
-    if arrays is None:
+    positions, normals = f"{name}.{POSITIONS}", f"{name}.vertex_normals"
+    if positions not in parameters:
         raise InputError(
             f"the shape {name!r} cannot be moved: it has neither a transform nor vertices; use a mesh."
         )
-    keys = [key for key in arrays if key is not None and len(parameters[key])]
+    keys = [positions, normals] if len(parameters[normals]) else [positions]
     return {key: np.array(parameters[key], dtype=np.float64).reshape(-1, 3) for key in keys}
 
 

@@ -125,7 +125,7 @@ def _of_xml(
         )
     usual = re.search(r'<default\s+name="exposure_s"\s+value="([^"]*)"', text)
     old = old_version(text)
-    of_old = f"scene of Mitsuba {old} as Mitsuba's own upgrade understands it"
+    of_old = f"the scene has the format of Mitsuba {old}, which Mitsuba's own upgrade has read"
     return ParsedScene(
         path,
         variant,
@@ -135,7 +135,9 @@ def _of_xml(
         values,
         tuple(names),
         exposure_s=values.get("exposure_s", usual[1]) if usual else None,
-        changes=(("line 1", of_old, "compare a picture of that version"),) if old else (),
+        changes=(("line 1", of_old, "compare the picture with one of that version"),)
+        if old
+        else (),
         text=text,
         content=text.encode() if is_text else b"",
     )

@@ -177,6 +177,12 @@ class ParsedScene:
             if film.props.plugin_name() == FILM and camera is not None:
                 size = {"width": camera.sensor.columns, "height": camera.sensor.rows}
             size |= {name: value for name, value in film.props.items() if name in SIZE}
+        for name, value in size.items():
+            if not isinstance(value, int):
+                raise InputError(
+                    f"scene {self.name!r}, {self.where(film)}: {name} is {value!r}; it must be a whole number, e.g. "
+                    f'<integer name="{name}" value="512"/>.'
+                )
         whole = {"width": WIDTH, "height": HEIGHT, **size}
         columns = whole.get("crop_width", whole["width"])
         if width is not None:
@@ -195,7 +201,7 @@ class ParsedScene:
                 size[side] = max(size[side], end)
             whole = size
         rows, columns = (whole.get(f"crop_{side}", whole[side]) for side in ("height", "width"))
-        if isinstance(columns, int) and isinstance(rows, int) and columns * rows > PIXELS_MAX:
+        if columns * rows > PIXELS_MAX:
             raise InputError(
                 f"scene {self.name!r} has a film of {columns} × {rows} pixels; it may have {PIXELS_MAX} at most, a "
                 "crop of it or --width fewer."

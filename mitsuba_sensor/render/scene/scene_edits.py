@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
 from ...camera.datasheet_errors import sentence
-from ...core import Float64Array, InputError, nearest
+from ...core import InputError, nearest
 from ...core.llvm import drjit
 from ..infrared.materials import AskedInfrared, checked_infrared
 from ..motion.motion import KeyPose
@@ -30,8 +30,6 @@ UNNAMED = re.compile(
 )  # what Mitsuba calls an element without an id; an address, new in each run
 
 Numbers = tuple[float, ...]
-POSITIONS = ("vertex_positions", "positions")  # up to Mitsuba 3.9, and from 3.10 on
-NORMALS = ("vertex_normals", "normals")
 
 
 def checked_traverse(name: str, given: object) -> dict[str, Numbers]:
@@ -235,29 +233,3 @@ def _changed(what: str, value: MitsubaObject, numbers: Numbers) -> MitsubaObject
             f"{what} is no transform; its last row is 0 … 0 1, and it has an inverse."
         )
     return type(value)(matrix)
-
-
-class VertexArrays(NamedTuple):
-    """Names of the parameters that hold the vertices of a mesh.  normals : None where it has none of its own."""
-
-    positions: str
-    normals: str | None
-
-
-def vertex_arrays(parameters: Container[str], shape: str) -> VertexArrays | None:
-    """Names of the vertices of a shape, whatever the version of Mitsuba calls them; None for a shape that is no mesh.
-
-    parameters : of the scene, by name.  shape : id of the shape.
-    """
-    positions, normals = (
-        next((f"{shape}.{name}" for name in names if f"{shape}.{name}" in parameters), None)
-        for names in (POSITIONS, NORMALS)
-    )
-    return None if positions is None else VertexArrays(positions, normals)
-
-
-def moved_vertices(key: str, at_rest: Float64Array, displacement: Float64Array) -> Float64Array:
-    """Positions or normals (N, 3) after a displacement, 4×4; normals only turn.  key : name of their parameter."""
-    turned = at_rest @ displacement[:3, :3].T
-    is_position = key.rpartition(".")[2] in POSITIONS
-    return turned + displacement[:3, 3] if is_position else turned
