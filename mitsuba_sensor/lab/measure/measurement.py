@@ -52,7 +52,7 @@ class Instrument(NamedTuple):
         def warmest(dark):
             return dark.mean.max(), dark.mean.min(), dark.mean.max()
 
-        mine = ms.lab.Instrument("warmest pixel", lambda m: m.bench.darks[:1], warmest, "DN", "house rule")
+        mine = ms.lab.Instrument("warmest pixel", lambda m: m.bench.darks[:1], warmest, "DN", "our own rule")
         ms.lab.measure_bench(bench, instruments=[*ms.lab.INSTRUMENTS, mine])
 
     title : of its results.  frames : what the function is called with, from the measurement so far.
