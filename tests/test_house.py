@@ -472,7 +472,7 @@ TOKENS_MAX = {
     "examples": 18885,
     "files": 22831,
     "gradient": 4252,
-    "lab": 72670,
+    "lab": 72753,
     "optics": 17500,
     "output": 24523,
     "pages": 3609,
@@ -481,7 +481,7 @@ TOKENS_MAX = {
     "sensor": 14679,
     "stages": 34199,
     "study": 16929,
-    "tests": 567009,
+    "tests": 567069,
     "theory": 18636,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

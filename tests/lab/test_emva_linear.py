@@ -266,5 +266,3 @@ def test_k_of_a_response_of_the_fourth_power_is_that_of_small_signals() -> None:
     found = emva_linear(darks, flats)
     assert found["K"].covers(0.3) and found["K"].value == pytest.approx(0.3, rel=0.004)
     assert found["η"].covers(0.6) and found["R"].value == pytest.approx(0.18, rel=0.001)
-
-
