@@ -472,7 +472,7 @@ TOKENS_MAX = {
     "examples": 18885,
     "files": 22831,
     "gradient": 4252,
-    "lab": 72753,
+    "lab": 72741,
     "optics": 17500,
     "output": 24523,
     "pages": 3609,
