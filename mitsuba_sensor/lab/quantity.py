@@ -143,7 +143,10 @@ class Quantity:
         power, _, per = self.unit.partition("/")
         unit = f"e-/{per}" if per else "e-"
         if power == "DN²":
-            return self.divided(gain, "DN/e-").divided(gain, unit)
+            if not isinstance(gain, Quantity):
+                return self.divided(gain**2, unit)
+            square = replace(gain, value=gain.value**2, low=gain.low**2, high=gain.high**2)
+            return self.divided(square, unit)
         return self.divided(gain, unit) if power == "DN" else self
 
     def to_dict(self) -> dict[str, Any]:

@@ -31,6 +31,15 @@ def test_quotients_of_any_sign_hold_the_true_one(true: float) -> None:
     assert covered / 4000 == pytest.approx(0.95, abs=0.017)
 
 
+def test_a_variance_in_electrons_has_the_interval_of_k_squared() -> None:
+    variance = Quantity("v", "", 100.0, 99.999, 100.001, "DN²/s", "")
+    gain = Quantity("K", "", 2.0, 1.9, 2.1, "DN/e-", "")
+    measured, exact = variance.in_electrons(gain), variance.in_electrons(2.0)
+    ends = measured.low, measured.value, measured.high
+    assert ends == pytest.approx((100 / 2.1**2, 25, 100 / 1.9**2), rel=1e-3)
+    assert exact.value == 25 and exact.unit == measured.unit == "e-/s"
+
+
 def test_a_sentence_that_two_quantities_share_stands_once_in_the_note_of_their_quotient() -> (
     None
 ):

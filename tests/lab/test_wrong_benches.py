@@ -177,3 +177,9 @@ def test_a_clipped_edge_is_told() -> None:
         for picture in (edge, 100 + 800 * place, np.minimum(edge, 700), np.maximum(edge, 300))
     ]
     assert told == [False, False, True, True]
+
+
+def test_an_instrument_that_returns_nothing_is_refused_and_the_others_measure() -> None:
+    nothing = ms.lab.Instrument("nothing", lambda found: (), lambda: None, "", "")
+    (found,) = ms.lab.measure_bench(bench(), instruments=[nothing, *ms.lab.INSTRUMENTS])
+    assert "returned NoneType" in found.refused["nothing"] and found.figures["K"].covers(0.3)

@@ -25,6 +25,7 @@ SECTION = "EMVA 1288 R4 7.1"
 DRIFT = 0.01
 """Probability that frames without drift are taken to have one."""
 TEMPERATURE_SECTION = "EMVA 1288 R4 7.2"
+NOT_RISING = "the dark current does not rise with the temperature by more than chance"
 BOLTZMANN_EV_PER_K = 8.617333262e-5
 """CODATA 2018."""
 
@@ -252,12 +253,12 @@ def dark_temperature(currents: Mapping[float, Quantity]) -> DarkTemperature:
     note = "; ".join(left_out)
     octaves = straight_line(temperature_k, np.log2(current), error / math.log(2))
     slope, low, high = octaves.interval
-    interval = math.nan, 0.0, math.inf
+    interval, not_rising = (math.nan, 0.0, math.inf), NOT_RISING
     if low > 0:
-        interval = 1 / slope, 1 / high, 1 / low
+        interval, not_rising = (1 / slope, 1 / high, 1 / low), ""
     doubling = Quantity(
         "T_d", "doubling temperature", *interval, "K", TEMPERATURE_SECTION, octaves.note
-    )
+    ).noted(not_rising)
     energy = straight_line(-1 / (BOLTZMANN_EV_PER_K * temperature_k), np.log(current), error)
     activation = Quantity(
         "E_a", "activation energy", *energy.interval, "eV", "Arrhenius law", energy.note

@@ -109,7 +109,7 @@ def emva_linear(
         name = f"{as_measured.gain.name} by a straight line"
         rows.append(replace(as_measured.gain, symbol="K_line", name=name))
         notes += (
-            f"the response is curved: the slope changes by {_percent_bent(measured, curve):+.2g} %",
+            f"the response is curved: the slope changes by {_percent_curved(measured, curve):+.2g} %",
         )
     figures = [
         *rows,
@@ -125,7 +125,7 @@ def emva_linear(
     return EmvaLinear(tuple(figures), *parts, notes, measured, curve, as_measured)
 
 
-def _percent_bent(measured: Series, curve: Curve) -> float:
+def _percent_curved(measured: Series, curve: Curve) -> float:
     """By how much the slope of the response at the end of the range differs from that at zero [%]."""
     end = np.array(find_peak(measured).mean[0])
     return 100 * (float(curve.slope(curve.straight(end))) - 1)

@@ -52,7 +52,7 @@ class Instrument(NamedTuple):
         def warmest(dark):
             return dark.mean.max(), dark.mean.min(), dark.mean.max()
 
-        mine = ms.lab.Instrument("warmest pixel", lambda m: m.bench.darks[:1], warmest, "DN", "house rule")
+        mine = ms.lab.Instrument("warmest pixel", lambda m: m.bench.darks[:1], warmest, "DN", "our own rule")
         ms.lab.measure_bench(bench, instruments=[*ms.lab.INSTRUMENTS, mine])
 
     title : of its results.  frames : what the function is called with, from the measurement so far.
@@ -96,13 +96,14 @@ class Measurement:
         self.report(title)
         try:
             result = instrument.function(*instrument.frames(self))
+            quantities = [*_quantities_of(result, instrument)]
         except InputError as error:
             self.refused[title] = str(error)
             if isinstance(error, ClippedError):
                 self.clipped.append(title)
             return
         self.results[title] = result
-        for quantity in _quantities_of(result, instrument):
+        for quantity in quantities:
             figure = self._in_unit(quantity.with_width(), instrument.unit)
             self.figures[quantity.symbol] = figure
         self.notes += getattr(result, "notes", ())
@@ -135,8 +136,13 @@ def _quantities_of(result: Any, instrument: Instrument) -> Iterator[Quantity]:
     elif isinstance(result, tuple) and len(result) == 3 and not isinstance(result[0], Quantity):
         value, low, high = map(float, result)
         yield Quantity(title, title, value, low, high, unit, section)
-    else:
+    elif isinstance(result, Iterable):
         yield from result
+    else:
+        raise InputError(
+            f"the instrument {title!r} returned {type(result).__name__}; let it return a Quantity, several of them, "
+            "or (value, low, high)."
+        )
 
 
 def measure_bench(

@@ -83,10 +83,7 @@ def dark_over_time(stacks: Sequence[Stack]) -> Dark:
         why = "one exposure time: dark current is part of the black level"
         errors, freedom = errors_of_means(stacks, squares)
         weights = counts / counts.sum()
-        mean = sum(
-            float(stack.frame_means.mean()) * w
-            for stack, w in zip(stacks, weights, strict=True)
-        )
+        mean = float(weights @ [stack.frame_means.mean() for stack in stacks])
         error = math.sqrt(float(weights**2 @ errors**2))
         _, low, high = student_interval(mean, error, min(freedom, 1e9))
         black = replace(black, value=mean, low=low, high=high, note=why)

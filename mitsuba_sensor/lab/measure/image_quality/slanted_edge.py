@@ -75,8 +75,8 @@ def slanted_edge(
     edge_order : of the polynomial that the edge follows, up to 5 where the lens distorts.
     Raises InputError for pictures without an edge, and for edges along rows, columns or diagonals.
     """
-    picture = picture_of(picture)
-    pixels = flat_fielded(picture, flat)
+    raw = picture_of(picture)
+    pixels = flat_fielded(raw, flat)
     sample_px = require(
         "sample_px", sample_px, 0.01, 100.0, "pixels, 2 for a plane of a mosaic"
     )
@@ -91,7 +91,7 @@ def slanted_edge(
     light = fit_uneven_light(values, line.distance(x, y), place, shading)
     spread = fit_edge_spread(Samples(values / light.gain, x, y), line)
     modulation = _modulation(spread, light, values / light.gain, sample_px)
-    modulation = replace(modulation, note=_note_clipped(picture))
+    modulation = replace(modulation, note=_note_clipped(raw))
     fine = np.linspace(-spread.half_width_px, spread.half_width_px, 400)
     return SlantedEdge(modulation, spread.line.angle_deg, fine * sample_px, spread.at(fine))
 
