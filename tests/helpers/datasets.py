@@ -40,7 +40,7 @@ def _inline(value: Any) -> str:
         return f"{{ {', '.join(f'{json.dumps(n)} = {_inline(x)}' for n, x in value.items())} }}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_inline, value))}]"
-    return json.dumps(value)
+    return json.dumps(value).replace("NaN", "nan")
 
 
 def plan_of(*roots: Path, untrusted: bool = False, **tables: Any) -> DatasetPlan:
