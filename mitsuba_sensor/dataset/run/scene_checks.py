@@ -13,8 +13,9 @@ from ...output.dng import check_dng
 from ...render.options import RenderOptions
 from ...render.passes.prepared import prepare
 from ...render.passes.stop_criterion import check_options
+from ...render.scene.asked_groups import AskedGroups
 from ...render.scene.half_pupil import check_halves
-from ...render.scene.light_groups import AskedGroups, LightGroup, parts_of_light
+from ...render.scene.light_groups import LightGroup, parts_of_light
 from ...render.variants import restores_variant
 from ..plan.planned import DatasetPlan, PlannedView, evenly_chosen
 from ..plan.sweep import possible_values
