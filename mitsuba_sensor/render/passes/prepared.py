@@ -55,7 +55,8 @@ from ..motion.motion import Motion, read_motion
 from ..motion.moving_scene import MovingScene, pose_m
 from ..options import RenderOptions
 from ..samples import SAMPLER, hashed_seed, row_strips
-from ..scene.light_groups import AskedGroups, LightGroup, parts_of_light
+from ..scene.asked_groups import AskedGroups
+from ..scene.light_groups import LightGroup, parts_of_light
 from ..scene.parse_scene import SceneInput, parse
 from ..scene.parsed_scene import ParsedScene
 from ..scene.scene import Scene, load_scene

@@ -79,7 +79,7 @@ class LoadedView(NamedTuple):
         return json.dumps(sorted([digest_of(part) for part in parts] + [str(self.integrator)]))
 
 
-def view_of_loaded(scene: object, options: Mapping[str, Any]) -> LoadedView | None:
+def view_of_loaded(scene: Any, options: Mapping[str, Any]) -> LoadedView | None:
     """What is to be rendered of a mi.Scene, by its first sensor that is not on a shape; None for what is no mi.Scene.
     Raises InputError for a scene of another variant, or with options that it comes too late for."""
     if isinstance(scene, LoadedView):
@@ -168,7 +168,7 @@ def _described(sensor: MitsubaObject, of_plugins: MitsubaObject) -> dict[str, An
     view |= {name: float(np.ravel(found[name])[0]) for name in names if name in found}
     pairs = film.size(), film.crop_size(), film.crop_offset()
     size, crop, offset = (tuple(int(n) for n in pair) for pair in pairs)
-    own = dict(zip(("width", "height"), size, strict=True))
+    own: dict[str, Any] = dict(zip(("width", "height"), size, strict=True))
     if crop != size:
         own |= dict(zip(CROP, crop + offset, strict=True))
     parameters = parameters_of(of_plugins)

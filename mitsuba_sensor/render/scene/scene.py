@@ -27,7 +27,7 @@ from ..light.bands import (
 )
 from ..light.brightness import HIGHEST_LAMP_CD_PER_M2, brightest_lamp, cd_per_m2
 from ..lint.finding import Finding, lines_of
-from ..lint.lint import SPECTRAL_RESPONSE, WRAPPERS, Built, Subject, lint, lint_built
+from ..lint.lint import SPECTRAL_RESPONSE, WRAPPERS, lint, lint_built
 from ..lint.refusals import (
     refuse_missing_attributes,
     refuse_missing_files,
@@ -35,6 +35,7 @@ from ..lint.refusals import (
     refuse_unsuitable,
 )
 from ..lint.scene_spectra import continue_metals
+from ..lint.subject import Built, Subject
 from ..samples import SAMPLER
 from ..variants import MitsubaObject, mitsuba
 from .displaced_rays import with_displaced_rays
