@@ -77,7 +77,7 @@ class PlainChain:
         self._make_fpn_maps(stages["prnu"], stages["dark_current"], stages["dsnu_column"])
         frame = Frame(exposure, SensorWindow(0, (1, 1)), seed)
         self.dark_e = stages["dark_current"].mean_e(frame)
-        self.reset_v = stages["reset_noise"].sigma_v(frame)
+        self.reset_v = stages["reset_noise"].sigma_v(exposure)
         self.follower_v = stages["source_follower_noise"].sigma_v
         self._curves(stages)
         adc = stages["adc"]

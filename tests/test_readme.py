@@ -157,7 +157,9 @@ def test_the_readme_is_read_in_a_few_minutes() -> None:
     assert len(README.splitlines()) <= 95
 
 
-@pytest.mark.parametrize("page", ["datasets", "many-machines", "training", "sheet", "lab"])
+@pytest.mark.parametrize(
+    "page", ["datasets", "many-machines", "sheet", "lab"]
+)
 def test_the_readme_leads_to_the_pages_of_data_and_laboratory(page: str) -> None:
     assert f"(docs/{page}.md)" in README
 

@@ -39,7 +39,7 @@ ARRAYS = {
     "photons": Numbers(
         "a number or an array of mean photons per pixel; of a render, collect(light, camera, exposure)"
     ),
-    "wavelengths_nm": Numbers("numbers in nm, one per band, e.g. [550.0]", False),
+    "wavelengths_nm": Numbers("positive numbers in nm, one per band, e.g. [550.0]", False),
     "photons.bandwidths_nm": Numbers("one positive, finite width in nm per band", False),
     "photons.in_band": Numbers("one finite factor of the photoelectrons per pixel, 0 or more"),
     "photons.variance_e2": Numbers(

@@ -168,20 +168,6 @@ def test_plan_says_what_each_stage_does(light_file: Path, cli: Callable[..., Any
     assert [stage["stage"] for stage in stages][-1] == "ADC"
 
 
-def test_plan_says_what_the_render_needs(light_file: Path, cli: Callable[..., Any]) -> None:
-    """The light of these tests comes through a pinhole, in three bands, one of them beyond the QE curve."""
-    done = cli("plan", light_file, "--exposure-s", 0.001, "--tolerance-dn", 0.5)
-    assert done.exit_code == 0, done.stderr
-    said = " ".join(done.stdout.split())
-    for text in (
-        "3 bands",
-        "depth of field",
-        "AOVs",
-        "no sampled pixel changes by more than 0.5 DN",
-    ):
-        assert text in said, text
-
-
 @pytest.mark.parametrize("columns", [exhaustive(60), 80, exhaustive(120)])
 def test_plan_cuts_no_number_and_no_name_in_a_narrow_terminal(
     columns: int, light_file: Path, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch

@@ -328,7 +328,7 @@ def test_an_imported_camera_is_a_camera_file_without_faults_and_every_number_has
 @pytest.mark.parametrize(
     ("name", "data", "said"),
     [
-        ("a.txt", "", "is of no format that is imported; give a libcamera tuning file"),
+        ("a.doc", "", "is of no format that is imported; give a libcamera tuning file"),
         ("a.json", "{", "is no JSON"),
         ("a.json", [], "no tuning file"),
         ("a.json", {"algorithms": [{"rpi.lux": {}}]}, "rpi.noise has no reference_slope; its algorithms are rpi.lux"),

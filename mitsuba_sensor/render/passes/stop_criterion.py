@@ -13,7 +13,7 @@ from ..options import RenderOptions
 from ..samples import PASSES_MIN, pass_plan, whole_grid
 
 DEFAULT_SPP = 256  # at most, of a render that ends at the sensor's noise
-DEFAULT_DENOISED_SPP = 32  # the same, where the rest of the noise is for the denoiser
+DEFAULT_DENOISED_SPP = 64  # the same, where the rest of the noise is for the denoiser
 DEFAULT_PASS_SPP = 4
 PASS_SPP = 16  # of the passes of a render that a noise ratio or a time ends
 SURE_PASSES_MIN = (
