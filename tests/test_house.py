@@ -465,7 +465,7 @@ TOKENS_MAX = {
     ".": 8715,
     "bench": 26091,
     "benchmarks": 53879,
-    "camera": 26067,
+    "camera": 26076,
     "cli": 30202,
     "core": 25767,
     "dataset": 71036,
