@@ -14,7 +14,8 @@ from ..core.special import root
 from ..stages.combined_readouts import combined_of
 from ..stages.effects.adc import BLACK_LEVEL_AT
 from ..stages.effects.shot_noise import left_by_resets
-from ..stages.gains import excess_noise, gain_dn_per_e
+from ..stages.effects.source_follower_noise import read_noise_v
+from ..stages.gains import excess_noise, gain_dn_per_e, sense_gain_v_per_e
 from ..stages.stage import converter_of, place_of_count, sample, total
 from ..stages.straight import NotStraight, QuietFrame, line_of
 
@@ -26,8 +27,6 @@ QUANTISATION_DN2 = 1 / 12
 SERIAL, SIDE_PX, SAMPLED_PX = 2**30, 128, 256
 """Sensor unit whose dark noise is averaged over pixels, and the side of their window, in closed form and by samples: a
 sampled σ is known to 0.3 %."""
-FLAT = {"prnu": 1.0, "prnu_col": 1.0, "dsnu_pixel_e": 0.0, "dsnu_col_e": 0.0, "dsnu_row_e": 0.0}
-"""Fixed patterns, which have figures of their own, as they are without spatial noise."""
 APART = (0, 100_000)
 """Numbers of the two sampled frames, so far apart that a telegraph signal has forgotten its state."""
 STRAIGHT = 1e-12  # of the range of codes: a chain is straight to the last digits
@@ -141,9 +140,9 @@ def _dark_signal(camera: Camera, exposure: Exposure) -> tuple[float, float]:
     In closed form over the pixels for a straight chain, which is exact where all are alike; else by two frames.
     """
     stages, gain = camera.stages, gain_dn_per_e(camera)
+    flat = _flat(read_noise_v(camera) / sense_gain_v_per_e(camera))
 
     def darkness(side: int) -> tuple[Electrons, Frame]:
-        flat = {name: np.full((1, 1), value) for name, value in FLAT.items()}
         window = SensorWindow(SERIAL, (side, side), camera=camera.name, given=flat)
         return Electrons(np.zeros((side, side))), Frame(exposure, window)
 
@@ -163,6 +162,13 @@ def _dark_signal(camera: Camera, exposure: Exposure) -> tuple[float, float]:
     noise_v = math.sqrt(float(np.mean((swings[0] - swings[1]) ** 2)) / 2)
     multiplied = math.prod(stage.nominal_gain for stage in well)
     return sum(electrons) / 2 / multiplied, noise_v * converter_of(stages).gain_dn_per_v / gain
+
+
+def _flat(read_noise_e: float) -> dict[str, Any]:
+    """Maps without spatial noise, which has figures of its own."""
+    flat = np.zeros((1, 1))
+    dsnu = dict.fromkeys(("dsnu_pixel_e", "dsnu_col_e", "dsnu_row_e"), flat)
+    return dsnu | {"prnu": flat + 1, "prnu_col": flat + 1, "read_noise": flat + read_noise_e}
 
 
 def refuse_readouts(
@@ -258,10 +264,8 @@ def _smallest_well_e(camera: Camera) -> float:
 def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
     """The code of these electrons without any noise, its curves included, less the highest one [DN]."""
     left_e = left_by_resets(camera.pixel.partial_resets, electrons)
-    given = {
-        name: np.full((1, 1), value) for name, value in (FLAT | {"read_noise": 0.0}).items()
-    }
-    quiet = QuietFrame.of(Frame(BLACK_LEVEL_AT, SensorWindow(0, (1, 1), given=given)))
+    window = SensorWindow(0, (1, 1), given=_flat(0.0))
+    quiet = QuietFrame.of(Frame(BLACK_LEVEL_AT, window))
     signal = Electrons(np.full((1, 1), left_e))
     for stage in camera.stages[1:-1]:
         if stage.domain == "electrons":
