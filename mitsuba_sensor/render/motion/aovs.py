@@ -138,7 +138,7 @@ def _trace(
     strips = (
         [(r, r + 1) for r in range(rows)]
         if row_by_row
-        else row_strips((columns, rows), 1, SAMPLES_PER_RAY)
+        else row_strips((columns, rows), SAMPLES_PER_RAY)
     )
     parts, report = [], progress or (lambda done, total: None)
     report(0, rows)
