@@ -222,7 +222,7 @@ def relative_errors(
     least = found / RELATIVE_MAX + np.finfo(float).tiny
     found /= np.maximum(mean, least, out=least)
     found[infinite] = np.inf
-    return found.astype(np.float32)
+    return np.asarray(found, np.float32)
 
 
 def why_not_trusted(passes: int, fireflies: float, lost: int = 0) -> str:

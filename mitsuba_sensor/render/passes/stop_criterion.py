@@ -93,7 +93,8 @@ def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:
 
     groups : of bands, that share the samples; where there are too few for all, the bands are rendered together.
     """
-    spp, ratio, max_spp = (options.get(name) for name in ("spp", "noise_ratio", "max_spp"))
+    spp, max_spp = options.get("spp"), options.get("max_spp")
+    ratio = options.get("noise_ratio")
     limit_s, repeatable = options.get("max_seconds"), bool(options.get("repeatable"))
     if spp is not None and ratio is not None:
         raise InputError(

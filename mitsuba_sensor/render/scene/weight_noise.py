@@ -14,7 +14,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Array, Float64Array
+from ...core import Array
 from ...core.llvm import drjit
 from ..light.bands import Bands
 from ..variants import MitsubaObject, mitsuba
@@ -108,7 +108,7 @@ def _integral(response: MitsubaObject, ends_nm: tuple[float, float]) -> float:
     return max(float(values.sum()) * step_nm, float(np.finfo(np.float32).tiny))
 
 
-def without_weight_noise(values: Float64Array, excess: NDArray[np.float32]) -> None:
+def without_weight_noise(values: NDArray[np.floating], excess: NDArray[np.float32]) -> None:
     """Take away what the weights added, in place; single values may become negative.
 
     values : (…, W, filters) of pixels of a pass.  excess : their d_f.  The level of a pixel is the smaller one of its
