@@ -452,9 +452,9 @@ TOKENS_MAX = {
     "camera": 25726,
     "cli": 29736,
     "core": 27723,
-    "dataset": 45325,
+    "dataset": 45330,
     "examples": 18878,
-    "files": 19405,
+    "files": 19443,
     "gradient": 4252,
     "lab": 90509,
     "optics": 17500,
@@ -465,7 +465,7 @@ TOKENS_MAX = {
     "sensor": 14679,
     "stages": 34199,
     "study": 16929,
-    "tests": 516220,
+    "tests": 516227,
     "theory": 18636,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
