@@ -122,8 +122,6 @@ def short_json(report: object) -> str:
     return printable_json(text)
 
 
-
-
 def _plain_value(value: object) -> object:
     if isinstance(value, np.generic | np.ndarray | Path):
         return plain_values(value)

@@ -182,8 +182,6 @@ def test_json_is_strict_whatever_stands_in_the_report(tmp_path: Path) -> None:
     assert back == {"nan": None, "inf": None, "array": [0, 1, 2], "path": "a", "λ": [1, True]}
 
 
-
-
 def test_all_files_of_a_job_appear_together(tmp_path: Path) -> None:
     with output_folder(tmp_path / "new" / "out", NAMES) as folder:
         for name in NAMES:
