@@ -240,6 +240,7 @@ def _begin_worker() -> None:
 
     def end_with_parent() -> None:
         connection.wait([sentinel])
+        worker_log.forget_open()
         end_quietly()
 
     threading.Thread(target=end_with_parent, daemon=True).start()

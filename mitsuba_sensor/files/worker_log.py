@@ -12,6 +12,9 @@ from pathlib import Path
 from .disk_errors import disk_sentences
 from .durable import SCRATCH, make_lasting
 
+_OPEN: list[Path] = []
+"""Logs that this process writes."""
+
 
 def place_of(folder: Path, name: str) -> Path:
     """Where the log of something is while it is made in a folder."""
@@ -28,6 +31,7 @@ def captured(path: Path, capture: bool) -> Iterator[None]:
     with disk_sentences(path):
         make_lasting(path.parent)
         log = path.open("wb", buffering=0)
+    _OPEN.append(path)
     kept, traced = os.dup(2), faulthandler.is_enabled()
     sys.stderr.flush()
     os.dup2(log.fileno(), 2)
@@ -40,6 +44,13 @@ def captured(path: Path, capture: bool) -> Iterator[None]:
         os.dup2(kept, 2)
         os.close(kept)
         log.close()
+        _OPEN.remove(path)
+
+
+def forget_open() -> None:
+    """Remove the logs of this process, which is about to end because nobody watches it any more."""
+    for path in _OPEN:
+        forget(path)
 
 
 def end_of(path: Path, most: int) -> str:
