@@ -11,8 +11,8 @@ import pytest
 from helpers.scenes import scalar_first, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.render.lint.built_checks import VOLUMETRIC
 from mitsuba_sensor.render.lint.finding import Finding
-from mitsuba_sensor.render.lint.lint import VOLUMETRIC
 from mitsuba_sensor.render.scene.plugin_names import gradient_integrators
 from mitsuba_sensor.render.scene.scene import inspect_scene
 from mitsuba_sensor.render.variants import choose_variant, use

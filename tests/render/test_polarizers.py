@@ -15,7 +15,7 @@ from helpers.scenes import skip_unless_usable
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Float64Array
-from mitsuba_sensor.render.lint.lint import DEPOLARISING
+from mitsuba_sensor.render.lint.built_checks import DEPOLARISING
 from mitsuba_sensor.render.motion.aovs import render_aovs
 from mitsuba_sensor.render.variants import mitsuba
 
