@@ -139,7 +139,9 @@ def made(job: PreparedRender, spp: int, seed: int, denoise: bool) -> Made:
     light = decided.render(hashed_seed(seed, spp, 0), stop_criterion_of({"spp": spp}))
     seconds = time.process_time() - started
     mean = mean_electrons(light, job.camera, job.exposure)
-    return Made(seconds, mean, light.relative_error * mean, light.statistics.denoised is not None)
+    return Made(
+        seconds, mean, light.relative_error * mean, light.statistics.denoised is not None
+    )
 
 
 def errors(

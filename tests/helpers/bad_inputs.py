@@ -116,7 +116,7 @@ SCENES = {  # old → new in the scene of conftest.py
     'name="fov" → name="fovv"': ("fovv", "line 6", "Did you mean 'fov'"),
     '<shape type="sphere"> → <shape type="sphere"><float name="radus" value="1"/>': (
         "radus",
-        "Did you mean 'radius'",
+        "unreferenced property",
     ),
     '<shape type="sphere"> → <include filename="other.xml"/><shape type="sphere">': (
         "other.xml",
