@@ -145,9 +145,8 @@ class StraightChain(NamedTuple):
             raise NotStraight("several read-outs are combined")
         electrons, well_e = list(stages[1:volts]), np.inf
         well: Chain = ()
-        if electrons and electrons[-1].saturation_e is not None:
-            well = (electrons.pop(),)
-            well_e = well[0].saturation_e
+        if electrons and (saturation_e := electrons[-1].saturation_e) is not None:
+            well, well_e = (electrons.pop(),), saturation_e
         counted = any(isinstance(stage, ElectronCounter) for stage in electrons)
         last = electrons[-1] if electrons else stages[0]
         is_poisson = isinstance(last, ElectronCounter) and last.is_poisson

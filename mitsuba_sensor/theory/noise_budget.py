@@ -209,12 +209,16 @@ class NoiseBudget:
             mean, temporal, spatial, square = row.tolist()
             rms = math.sqrt(max(square - mean**2, 0.0))
             for source, part in sources.items():
-                numbers = (part * np.array([mean, temporal, spatial])).tolist()
+                mean_dn, temporal_dn2, spatial_dn2 = (
+                    part * np.array([mean, temporal, spatial])
+                ).tolist()
                 of_total = part * (temporal + spatial) / (whole_dn2 or 1.0)
-                three = (part * errors[:3]).tolist()
-                contributions.append(
-                    Contribution(source, *numbers, of_total, *three, math.sqrt(part) * rms)
-                )
+                first, second, third = (part * errors[:3]).tolist()
+                contribution = Contribution(
+                    source, mean_dn, temporal_dn2, spatial_dn2, of_total, first, second, third,
+                    math.sqrt(part) * rms,
+                )  # fmt: skip
+                contributions.append(contribution)
         return contributions
 
     @cached_property

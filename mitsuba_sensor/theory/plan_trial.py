@@ -119,7 +119,8 @@ class Trial:
     @cached_property
     def levels(self) -> Expectation:
         """A window with all levels of the light, from dark to bright, and all values of measured maps at each."""
-        rows, columns = shape = tuple(min(SIDE_PX, side) for side in self.frame.window.shape)
+        rows, columns = (min(SIDE_PX, side) for side in self.frame.window.shape)
+        shape = rows, columns
         part, light_e = self.light.crop_rows(slice(0, rows)), self.light.mean_e
         low, high = (math.log1p(min(float(x), LARGEST)) for x in (light_e.min(), light_e.max()))
         levels_e = np.expm1(np.linspace(low, high, rows * columns)).reshape(shape)

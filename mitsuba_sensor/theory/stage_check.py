@@ -247,7 +247,8 @@ class Trial:
         """Mean, temporal and spatial variance with their standard errors in each light, by two frames of each of two
         sensor units."""
         edge, random = self.stage.reach_px, np.random.default_rng(1)
-        free = np.array([self.camera.sensor.rows, self.camera.sensor.columns]) - self.shape
+        sensor = np.array([self.camera.sensor.rows, self.camera.sensor.columns])
+        free = sensor - np.array(self.shape, dtype=int)
         inside = tuple(
             slice(edge, n - edge) if n > 2 * edge else slice(None) for n in self.shape
         )

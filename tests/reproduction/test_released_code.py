@@ -471,7 +471,7 @@ PAGE = {
     "2.19": lambda: clipped_noise(0),
     "3.39": lambda: clipped_noise(1),
     "57.3": lambda: math.sqrt(PublishedResetNoise(5e-6, 0.8).moments(FRAME)[1]) / 5e-6,
-    "71.7": lambda: SignedResetNoise(5e-6, 1.0).sigma_v(FRAME) / 5e-6,
+    "71.7": lambda: SignedResetNoise(5e-6, 1.0).sigma_v(FRAME.exposure) / 5e-6,
     "0.0103": lambda: PublishedResetNoise(5e-6, 0.8).moments(FRAME)[0] / 5e-6,
     "0.455": lambda: exponential(3300),
     "0.450": lambda: exponential(33000),

@@ -90,10 +90,11 @@ def denoise(
         with Network(even.shape[:2], None if here is None else here.normal) as network:
             smooth = [_filtered(network, half, here) for half in (even, odd)]
         for number in range(even.shape[2]):
-            pictures = [x[..., number].astype(np.float64) for x in (even, odd, *smooth)]
-            combined = combine(
-                *pictures, variance[phase][..., number].astype(np.float64), share
+            first, second, smooth_first, smooth_second = (
+                x[..., number].astype(np.float64) for x in (even, odd, *smooth)
             )
+            of_mean = variance[phase][..., number].astype(np.float64)
+            combined = combine(first, second, smooth_first, smooth_second, of_mean, share)
             mean[*phase, number], found[*phase, number] = combined.mean, combined.variance
             weights.append(combined.raw_weight)
             shifts.append(abs(combined.shift))
@@ -195,7 +196,7 @@ def _weight(raw: Float64Array, smooth: Float64Array, product: Float64Array) -> F
     smooth = np.maximum(smooth, LEAST * raw)
     curve = raw - 2 * product + smooth
     best = np.divide(raw - product, curve, out=(smooth < raw).astype(float), where=curve > 0)
-    return np.clip(best, 0.0, 1.0)
+    return np.asarray(np.clip(best, 0.0, 1.0))
 
 
 def _bars(signs: Float64Array, around: Float64Array, raw: Float64Array) -> Float64Array:

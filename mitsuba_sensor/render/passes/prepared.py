@@ -345,7 +345,7 @@ class PreparedRender:
         """The irradiance of the passes.  keep : whether their sums are needed afterwards."""
         before, infinite = passes.electrons(), passes.infinite
         weights = electrons_per_irradiance(self.camera, self.exposure, self.bands)
-        of_passes = before[0], pooled(before[0], before[1], passes.count)
+        of_passes: Electrons = before[0], np.asarray(pooled(before[0], before[1], passes.count))
         of_filters = None
         if denoised is not None:
             factor = (passes.per_radiance * passes.unit).astype(np.float32)[..., None]
@@ -353,17 +353,24 @@ class PreparedRender:
         data, error = raw_bands(passes, self.bands, self._solid_angle, keep)
         light = of_passes
         if denoised is not None and of_filters is not None:
-            light = passes.own(denoised.mean), passes.own(denoised.variance)
+            light = (
+                passes.own(denoised.mean),
+                np.asarray(passes.own(denoised.variance), np.float64),
+            )
             gain = np.divide(
                 light[0], before[0], out=np.zeros_like(before[0]), where=before[0] > 0
             )
-            relative = tuple(relative_errors(*one, infinite) for one in (of_passes, light))
-            agree_with_filters(data, error, weights, of_filters, denoised, (gain, *relative))
+            before_error, error_now = (
+                relative_errors(mean, variance, infinite)
+                for mean, variance in (of_passes, light)
+            )
+            relative = gain, before_error, error_now
+            agree_with_filters(data, error, weights, of_filters, denoised, relative)
         glare = veiling_glare_of(self.camera, self.scene.view)
         if glare is not None:
             light = self._behind_glare(light)
             if denoised is None:
-                light = light[0], pooled(raw[0], raw[1], passes.count)
+                light = light[0], np.asarray(pooled(raw[0], raw[1], passes.count), np.float64)
             glare.add_to_bands(data, error)
         data[infinite] = error[infinite] = np.inf
         names = self.camera.filter_names if self.bands.kind == "channels" else None

@@ -267,7 +267,7 @@ def read_noise_v(camera: Datasheet) -> float:
     """Read noise at the sense node, as given or from its densities [V rms]."""
     follower = camera.source_follower
     if follower.read_noise_e is None:
-        return cds_noise(camera).sigma_v / follower.gain
+        return float(cds_noise(camera).sigma_v / follower.gain)
     return float(follower.read_noise_e * sense_gain_v_per_e(camera))
 
 

@@ -140,7 +140,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "rows": ({"R": {"R": [[0.9]]}}, "it must be 3 rows of 3 or 5 rows of 5"),
     "negative": ({"R": {"R": cross(-0.9, 0, 0)}}, "at least 0"),
-    "empty": ({"R": {}}, "must be at least 1 long"),
+    "empty": ({"R": {}}, "must have at least 1 item"),
 }
 
 
