@@ -81,14 +81,7 @@ def frames_of(
         "engine": "numpy",
         "maps": dict(case.maps),
     }
-    if photons.variance_e2 is None:
-        found = ms.expose(photons, case.camera, case.exposure, frames=count, **options).digital
-    else:  # frames of one render, one at a time
-        one = (
-            ms.expose(photons, case.camera, case.exposure, first_frame=k, **options).digital[0]
-            for k in range(count)
-        )
-        found = np.stack(list(one))
+    found = ms.expose(photons, case.camera, case.exposure, frames=count, **options).digital
     return found.astype(np.float64)
 
 

@@ -141,17 +141,6 @@ def of_band(wavelength_nm: float) -> Light:
     )
 
 
-def compensated(share: float) -> Light:
-    """Renders whose variance is a share of their mean photoelectrons, on Table 1 (QE 0.6)."""
-
-    def light(level: float, shape: tuple[int, int]) -> ms.Photons:
-        return ms.Photons(
-            np.full(shape, level / 0.6), variance_e2=np.full(shape, share * level)
-        )
-
-    return light
-
-
 def cases() -> list[Case]:
     """All of them."""
     return [
@@ -293,7 +282,6 @@ def _light() -> list[Case]:
     ultraviolet = changed(TABLE1, quantum_efficiency__quantum_yield=[2.3, 1.2])
     traps = {"dark_current__rts_fraction": 0.02, "dark_current__rts_amplitude_e_per_s": 2e5}
     switching = changed(ultraviolet, **traps, dark_current__rts_switching=1.0)
-    dim = with_read_noise(changed(TABLE1, **traps, dark_current__rts_switching=1.0), 1.0)
     rng = np.random.default_rng(2)
     maps = {
         "prnu": 1 + 0.03 * rng.standard_normal(SHAPE),
@@ -311,11 +299,6 @@ def _light() -> list[Case]:
         ),
         *(Case("quantum yield", ultraviolet, p, light=of_band(450.0)) for p in (5.0, 4000.0)),
         Case("quantum yield, RTS pixels", switching, 300.0, light=of_band(450.0)),
-        Case("compensated render, RTS pixels", dim, 300.0, light=compensated(0.3)),
-        *(
-            Case("compensated render", TABLE1, e, light=compensated(0.16))
-            for e in (8.0, 5000.0, 32_800.0)
-        ),
         *(
             Case(f"measured {name}", TABLE1, 31_000.0, dark(0.5), maps={name: maps[name]})
             for name in maps

@@ -24,7 +24,6 @@ MASKED: dict[str, Callable[[Path], Any]] = {
     "Photons": lambda _: ms.expose(ms.Photons(HIDDEN[..., None], NM), BAYER, EXPOSURE),
     "stream": lambda _: ms.stream(HIDDEN, TABLE1, EXPOSURE),
     "derivatives": lambda _: ms.differentiable(HIDDEN, TABLE1, EXPOSURE, "photons"),
-    "variance": lambda _: ms.expose(ms.Photons(ONES, variance_e2=HIDDEN), TABLE1, EXPOSURE),
     "wavelengths": lambda _: ms.expose(
         ONES, TABLE1, EXPOSURE, wavelengths_nm=np.ma.masked_array(NM, [True])
     ),

@@ -15,7 +15,7 @@ from .errors import InputError
 from .notes import SourceOfLight
 from .types import Array, Float64Array, NumpyArray
 
-LAYERS = ("light", "dark", "yield_mean", "yield_variance", "variance_e2", "left_share")
+LAYERS = ("light", "dark", "yield_mean", "yield_variance", "left_share")
 """Of Electrons: one value per pixel, or one for all."""
 
 VALUES_AT_ONCE = 2**18  # pixels × bands of a strip: 2 MiB in float64
@@ -47,8 +47,6 @@ class Photons:
     bandwidths_nm : (B,) of the bands, over which the QE is then averaged; None: the photons have ``wavelengths_nm``.
     in_band : (H, W), the photoelectrons over those of a spectrum that is flat within each band, of each pixel behind
         its own filter at ``origin``; None: 1.  in_band_of : fingerprint of the camera that it is for.
-    variance_e2 : (H, W), variance of the mean photoelectrons over renders [e-²], for a frame that has a render of its
-        own, whose render noise replaces a part of the shot noise; None: the mean is exact.
     polarizers : fingerprint of the polarisers of the sensor that the light was rendered for, each pixel with its own at
         ``origin``; None: the light is not polarised.
     illuminant : of the scene, for the colours of a preview; None where it is not known.
@@ -65,7 +63,6 @@ class Photons:
 
     values: NumpyArray
     wavelengths_nm: Float64Array | None = None
-    variance_e2: NumpyArray | None = None
     detected: bool = False
     origin: tuple[int, int] = (0, 0)
     bandwidths_nm: Float64Array | None = None
@@ -122,12 +119,8 @@ class Photons:
 
     def crop_rows(self, rows: slice) -> Self:
         """The photons of ``rows`` of the window."""
-        variance_e2, in_band = (
-            None if x is None else x[rows] for x in (self.variance_e2, self.in_band)
-        )
-        cropped = replace(
-            self, values=self.values[rows], variance_e2=variance_e2, in_band=in_band
-        )
+        in_band = None if self.in_band is None else self.in_band[rows]
+        cropped = replace(self, values=self.values[rows], in_band=in_band)
         return cropped.with_readouts(lambda one: one.crop_rows(rows))
 
     def _mean_of(self, values: NumpyArray) -> NumpyArray:
@@ -185,7 +178,6 @@ class Electrons:
         1.0  # electrons per interacting photon, where that is not 1 (ultraviolet)
     )
     yield_variance: Array = 0.0
-    variance_e2: Array = None  # as in Photons
     left_share: Array = None  # of the light, on left photodiodes of dual pixels; None: half
     by_readout: Mapping[str, Electrons] | None = None  # before the count, as in Photons
 

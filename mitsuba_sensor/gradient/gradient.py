@@ -208,7 +208,7 @@ class DifferentiableFrames:
                 self.stages[0].sample(Photons(np.ones(shape), bands), frame).light
             )
             return light
-        one = self.light.changed(mean=np.ones((*shape[:2], 1)), variance_e2=None)
+        one = self.light.changed(mean=np.ones((*shape[:2], 1)))
         widths = (
             [None] * len(bands) if one.bandwidths_nm is None else one.bandwidths_nm[:, None]
         )

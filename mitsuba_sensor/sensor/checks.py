@@ -42,9 +42,6 @@ ARRAYS = {
     "wavelengths_nm": Numbers("positive numbers in nm, one per band, e.g. [550.0]", False),
     "photons.bandwidths_nm": Numbers("one positive, finite width in nm per band", False),
     "photons.in_band": Numbers("one finite factor of the photoelectrons per pixel, 0 or more"),
-    "photons.variance_e2": Numbers(
-        "one variance per pixel in e-², finite and 0 or more; a render of one pass has none, so pass None"
-    ),
 }
 
 
@@ -103,10 +100,7 @@ def _as_photons(
         )
     if check:
         check_light(checked)
-    variance_e2 = _variance_e2(photons.variance_e2, checked, camera)
-    checked = checked.changed(
-        variance_e2=variance_e2, bandwidths_nm=None, in_band=None, in_band_of=None
-    )
+    checked = checked.changed(bandwidths_nm=None, in_band=None, in_band_of=None)
     centres_nm, widths_nm = checked.wavelengths_nm, photons.bandwidths_nm
     if centres_nm is None or wavelengths_nm is not None or widths_nm is None:
         return checked
@@ -180,22 +174,6 @@ def _require_positive(name: str, array: Float64Array | None) -> None:
             f"{name} is {array[first]:g} in the first of {int(bad.sum())} bad place(s), {first}; pass "
             f"{ARRAYS[name].remedy}."
         )
-
-
-def _variance_e2(values: Any, photons: Photons, camera: Camera) -> Float64Array | None:
-    """One finite variance for every pixel, (H, W) [e-²]; 0 where the light is infinite and saturates anyway."""
-    name, shape = "photons.variance_e2", photons.shape[:2]
-    if values is None:
-        return None
-    if camera.quantum_efficiency.quantum_yield:
-        raise InputError(
-            f"{name} is given and quantum_efficiency.quantum_yield of {camera.name} too, whose electrons come in "
-            "bursts; leave one of them out: photons without variance_e2 keep the render's noise beside the shot noise."
-        )
-    variance_e2 = numbers(name, values, ARRAYS[name].remedy)
-    if variance_e2.shape == shape:
-        variance_e2 = np.where(photons.total == np.inf, 0.0, variance_e2)
-    return _checked_array(name, variance_e2, shape)
 
 
 def check_light(photons: Photons) -> None:

@@ -23,8 +23,7 @@ from ..core import (
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
 from ..core.options import complete
 from ..files.memory import free_memory_bytes
-from ..stages.combined_readouts import combined_of
-from ..stages.stage import Chain, ElectronCounter, converter_of, detector_of, place_of_count
+from ..stages.stage import Chain, converter_of, detector_of
 from .checks import as_photons, check_numbers, placed
 from .detection import Detected, DetectedByKernel, checked_and_detected, detected_by_kernel
 from .fpn_maps import checked_maps
@@ -77,7 +76,7 @@ class PreparedExposure:
             )
 
     def of(self, light: Photons, number: int | None = None) -> PreparedExposure:
-        """With this light, of the shape of the window. Raises InputError where its variance cannot be compensated.
+        """With this light, of the shape of the window. Raises InputError for light that cannot be exposed.
 
         number : of the first frame, if it is another than before.
         """
@@ -101,7 +100,6 @@ class PreparedExposure:
                 stages = plan.stages
             elif plan is not None:
                 plan.check(detected, first)
-        _check_compensation(light, stages, self.count)
         return replace(self, light=detected, first=first, plan=plan, stages=stages)
 
     def frames(self, observer: Observer | None = None) -> RawFrames:
@@ -240,29 +238,6 @@ def _chain_of(camera: Camera, plan: PlannedChain | None) -> Chain:
             f"plan was made for another camera, {plan.camera}; make one for this one with plan(camera, …)."
         )
     return plan.stages
-
-
-def _check_compensation(light: Photons, stages: Chain, frames: int) -> None:
-    """Raise InputError where the render's variance cannot be counted within the shot noise of each frame."""
-    if light.variance_e2 is None:
-        return
-    why = ""
-    if combined_of(stages) is not None:
-        why = "this camera has several read-outs of its shot noise; pass photons without it"
-    elif not all(stage.compensates for stage in stages if isinstance(stage, ElectronCounter)):
-        why = "this camera has pixel.partial_resets, which it would have to pass; pass photons without it"
-    elif not place_of_count(stages):
-        why = (
-            "this chain has no shot noise to count it in; pass photons without it, or take the physical chain with "
-            "its shot noise: no shot_noise in sensor.without, a smaller tolerance_dn"
-        )
-    if why:
-        raise InputError(f"photons has variance_e2 and {why}.")
-    if frames != 1:
-        raise InputError(
-            f"frames is {frames} and photons has variance_e2, which is for a frame with a render of its own; render "
-            "and expose one frame at a time, numbered by first_frame, or pass photons without variance_e2."
-        )
 
 
 def _check_options_of_readouts(camera: Camera, keep: tuple[str, ...], maps: object) -> None:

@@ -244,9 +244,6 @@ class Crosstalk:
         """
         freed = np.minimum(wider.light, FLOAT32_LIMIT)
         light = self._collected(freed, origin)
-        if wider.variance_e2 is not None:
-            variance = self._collected(wider.variance_e2, origin, power=2)
-            return replace(wider, light=light, variance_e2=variance)
         if np.ndim(wider.yield_mean) == 0:
             return replace(wider, light=light)
         square = wider.yield_variance + wider.yield_mean**2
@@ -258,10 +255,8 @@ class Crosstalk:
             wider, light=light, yield_mean=mean, yield_variance=np.maximum(spread, 0.0)
         )
 
-    def _collected(
-        self, values: Array, origin: tuple[int, int], power: int = 1
-    ) -> Float64Array:
-        """Σ over the pixels about each one of their values times their shares, or a power of these."""
+    def _collected(self, values: Array, origin: tuple[int, int]) -> Float64Array:
+        """Σ over the pixels about each one of their values times their shares."""
         side, (height, width) = 2 * self.reach_px + 1, values.shape
         rows, columns = height - side + 1, width - side + 1
         receiving = origin[0] + self.reach_px, origin[1] + self.reach_px
@@ -270,7 +265,7 @@ class Crosstalk:
             # what goes so many rows down comes from as many rows above
             top, left = side - 1 - row, side - 1 - column
             of_pairs = ((kernel[row][column] for kernel in one) for one in self.kernels)
-            shares = np.array([list(of_source) for of_source in of_pairs]) ** power
+            shares = np.array([list(of_source) for of_source in of_pairs])
             if shares.any():
                 start = origin[0] + top, origin[1] + left
                 giving = values[top : top + rows, left : left + columns]

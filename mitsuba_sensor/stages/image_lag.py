@@ -70,9 +70,4 @@ class ImageLag:
         held, held_before = (
             held_e(one.light, self.full_well_e, self.knee_e) for one in (electrons, before)
         )
-        shown = replace(electrons, light=electrons.light + self.share * (held_before - held))
-        if electrons.variance_e2 is None:
-            return shown
-        of_before = 0.0 if before.variance_e2 is None else before.variance_e2
-        variance_e2 = (1 - self.share) ** 2 * electrons.variance_e2
-        return replace(shown, variance_e2=variance_e2 + self.share**2 * of_before)
+        return replace(electrons, light=electrons.light + self.share * (held_before - held))

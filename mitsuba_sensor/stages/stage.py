@@ -164,11 +164,9 @@ class OtherPhotodiode(NamedTuple):
 class ElectronCounter(Stage):
     """Mean electrons enter and whole electrons leave.
 
-    compensates : whether counts vary by so much less where the mean is that of a render with a known variance.
     is_poisson : whether counts have the Poisson distribution of their mean.
     """
 
-    compensates: ClassVar[bool] = True
     is_poisson: ClassVar[bool] = True
 
 

@@ -262,8 +262,6 @@ class PixelLine(NamedTuple):
 def line_of(stages: Chain, light: Electrons, frame: Frame) -> PixelLine:
     """The law of the pixels of a window.  light : mean photoelectrons, (H, W). Raises NotStraight."""
     parts = StraightChain.of(stages)
-    if light.variance_e2 is not None:
-        raise NotStraight("the shot noise compensates the noise of the render")
     if not isinstance(light.yield_mean, float):
         raise NotStraight("a photon frees several electrons")
     shape, converter = frame.window.shape, converter_of(stages)

@@ -160,7 +160,7 @@ def resized(photons: ms.Photons, shape: tuple[int, int]) -> ms.Photons:
         np.linspace(0, there - 1, here).round().astype(int) for there, here in sizes
     )
     mean = np.ascontiguousarray(photons.mean[rows][:, columns])
-    return photons.changed(mean=mean, variance_e2=None, in_band=None, origin=(0, 0))
+    return photons.changed(mean=mean, in_band=None, origin=(0, 0))
 
 
 def measured_moments(sensors: Sequence[NDArray[np.unsignedinteger]]) -> Array:

@@ -203,7 +203,7 @@ def plan(
     light = as_photons(photons, camera, wavelengths_nm)
     window = SensorWindow(1, (light.shape[0], light.shape[1]), light.origin, camera=camera.name)
     frame = Frame(exposure, replace(window, given=checked_maps(maps, window, camera)))
-    detected = detect(replace(light, variance_e2=None), detector_of(camera.stages), frame)
+    detected = detect(light, detector_of(camera.stages), frame)
     return plan_of(camera, detected, frame, tolerance_dn)
 
 

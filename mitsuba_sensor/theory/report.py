@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
@@ -10,26 +9,22 @@ from typing import Any
 import numpy as np
 
 from ..camera.camera import Camera
-from ..core import Array, Electrons, Frame, Photons, arrays
-from ..core.types import Float64Array
+from ..core import Array, Frame
 from ..sensor.frame_notes import outside_qe
 from ..sensor.run import Strip
-from ..stages.effects.shot_noise import LIMIT, compensable
 from ..stages.gains import gain_dn_per_e
-from ..stages.stage import UNITS, Chain, ElectronCounter, Stage, place_of, total
+from ..stages.stage import UNITS, Chain, Stage, total
 from .expected import Expectation
 
 
 class FrameObserver:
-    """Follows a frame behind every stage: counts of its clipped pixels, and sums of the compensated render noise."""
+    """Follows a frame behind every stage: counts of its clipped pixels."""
 
     def __init__(self, stages: Chain) -> None:
         self.stages = stages
         self.counts: Counter[str] = Counter(
             clipped_full_well=0, clipped_adc_low=0, clipped_adc_high=0
         )
-        self.compensated: Float64Array = np.zeros(4)
-        self._lock = threading.Lock()
 
     def strip(self, strip: Strip, frame: Frame) -> StripFollower:
         """Before a strip is computed.  frame : of all its rows."""
@@ -38,17 +33,6 @@ class FrameObserver:
     def count(self, counts: Mapping[str, int]) -> None:
         """Pixels of the masks of one strip."""
         self.counts.update(counts)
-
-    def add_compensation(self, mean: Electrons) -> Array:
-        """The render's variance in some pixels; where it is not compensated in full."""
-        by_light, by_dark = compensable(mean.light, mean.dark, mean.variance_e2)
-        done = by_light + by_dark
-        if arrays.is_numpy(done):
-            shot = np.where(mean.variance_e2 > 0, mean.total, 0.0)
-            with self._lock:
-                sums = [np.sum(x, dtype=np.float64) for x in (mean.variance_e2, done, shot)]
-                self.compensated += [*sums, done.size]
-        return done < mean.variance_e2
 
 
 class StripFollower:
@@ -60,15 +44,7 @@ class StripFollower:
 
     def behind(self, stage: Stage, signal: Array) -> None:
         """The signal behind a stage."""
-        stages = self.observer.stages
         self.masks |= stage.marked(total(signal), self.frame)
-        following = stages[place_of(stage, stages) + 1 :][:1]
-        if (
-            following
-            and isinstance(following[0], ElectronCounter)
-            and signal.variance_e2 is not None
-        ):
-            self.masks["compensated_short"] = self.observer.add_compensation(signal)
 
     def end(self) -> dict[str, Array]:
         """Masks of the rows that the strip delivers, whose pixels are to be counted."""
@@ -85,8 +61,7 @@ def report(camera: Camera, expected: Expectation, observer: FrameObserver) -> di
     of clipped and cut pixels of the first frame, photons ``outside_qe`` and ``K_dn_per_e``. Each stage has mean and σ
     as expected, averaged over the window (σ total, temporal, spatial; standard errors of mean, temporal and spatial σ),
     and as the same pixels of the frames have them: σ_frame is the rms distance from what is expected of each pixel.
-    ``theory`` says by how many pixels. Photons with ``variance_e2`` have ``compensation`` too, and the count
-    ``compensated_short``.
+    ``theory`` says by how many pixels.
     """
     photons = expected.light.photons
     seen = expected.light.mean_e if photons.detected else photons.total
@@ -105,32 +80,8 @@ def report(camera: Camera, expected: Expectation, observer: FrameObserver) -> di
         },
         "stages": [_line(stage, expected) for stage in expected.stages],
         "counts": dict(observer.counts),
-        **_compensation(photons, observer),
         "outside_qe": outside_qe(photons, camera),
         "K_dn_per_e": gain_dn_per_e(camera),
-    }
-
-
-def _compensation(photons: Photons, observer: FrameObserver) -> dict[str, Any]:
-    """Averages over the window.
-
-    ``variance_e2``, ``compensated_e2``, ``left_e2`` : of the render, compensated, and left on top of the shot noise.
-    ``left_over_shot`` : the last over the mean electrons of the pixels with a render's variance: by which share their
-    variance is too large.
-    """
-    if photons.variance_e2 is None:
-        return {}
-    *sums, pixels = observer.compensated
-    of_render, of_frame, shot_e = (float(x / pixels) for x in sums)
-    left = of_render - of_frame
-    return {
-        "compensation": {
-            "limit": LIMIT,
-            "variance_e2": of_render,
-            "compensated_e2": of_frame,
-            "left_e2": left,
-            "left_over_shot": left / shot_e if shot_e else 0.0,
-        }
     }
 
 

@@ -90,14 +90,8 @@ class Prnu(Stage):
         """Mean photoelectrons times the gain map."""
         if self.distribution.cv == 0 and "prnu" not in frame.window.given:
             return electrons
-        gain, noise = self.fpn_maps(frame.window)["prnu"], electrons.variance_e2
-        if noise is None:
-            noise = None
-        else:
-            noise = arrays.product(noise, gain * gain)
-        return replace(
-            electrons, light=arrays.product(electrons.light, gain), variance_e2=noise
-        )
+        gain = self.fpn_maps(frame.window)["prnu"]
+        return replace(electrons, light=arrays.product(electrons.light, gain))
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """``prnu``: gain of every pixel, 1 on average."""

@@ -265,7 +265,7 @@ class QuantumEfficiency(Detector):
         flat = self._collected(layers, weights, window)
         light = flat * known
         if self.quantum_yield is None:
-            return Electrons(light, variance_e2=photons.variance_e2)
+            return Electrons(light)
         once, twice = (self._weights(photons, power) for power in (1, 2))
         first = arrays.ratio(self._collected(layers, once, window), flat, 1.0)
         second = arrays.ratio(self._collected(layers, twice, window), flat, 1.0)
@@ -288,21 +288,13 @@ class QuantumEfficiency(Detector):
             return known * self._collected(layers, weights * shares, window)
 
         nm = self._wavelengths(photons)
-        light = self.diffusion.collected(freed_with, nm)
-        if photons.variance_e2 is None:
-            return Electrons(light)
-        variance_e2, freed = photons.variance_e2, freed_with(np.ones(len(nm)))
-
-        def variance_with(shares: Array) -> Array:
-            return arrays.ratio(freed_with(shares), freed, 0.0) ** 2 * variance_e2
-
-        return Electrons(light, variance_e2=self.diffusion.collected(variance_with, nm))
+        return Electrons(self.diffusion.collected(freed_with, nm))
 
     def filters(self, photons: Photons) -> Filters | None:
-        """For sums over bands, quantum yield, crosstalk and render noise: None; the host is faster there."""
+        """For sums over bands, quantum yield and crosstalk: None; the host is faster there."""
         one_layer = photons.detected or len(photons.shape) == 2 or photons.shape[2] == 1
         spread = self.crosstalk or self.diffusion
-        maps = (self.quantum_yield, spread, photons.variance_e2, photons.in_band)
+        maps = (self.quantum_yield, spread, photons.in_band)
         if not one_layer or self.photodiodes or any(one is not None for one in maps):
             return None
         weights = self._weights(photons)
@@ -360,7 +352,4 @@ def _mirrored(
     )
     mean = wider(photons.mean)
     assert mean is not None
-    more = photons.changed(
-        mean=mean, variance_e2=wider(photons.variance_e2), in_band=wider(photons.in_band)
-    )
-    return more, around
+    return photons.changed(mean=mean, in_band=wider(photons.in_band)), around

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -94,7 +93,7 @@ class SensorAblation:
     @cached_property
     def photons(self) -> ms.Photons:
         """Mean photons of every pixel, taken as exact."""
-        return replace(self._light(), variance_e2=None)
+        return self._light()
 
     @cached_property
     def plan(self) -> ms.Plan:

@@ -98,12 +98,6 @@ def test_the_colours_of_a_flat_field_behind_a_bayer_mosaic_mix_in_closed_form(
     )
 
 
-def test_the_variance_of_a_render_is_mixed_by_squares() -> None:
-    noisy = ms.Photons(np.full((9, 9), 1e4), variance_e2=np.full((9, 9), 100.0))
-    signal = ms.expose(noisy, MIXED, SHORT, precision="float64").theory.light.signal
-    np.testing.assert_allclose(signal.variance_e2, 100.0 * (LOPSIDED**2).sum(), rtol=1e-12)
-
-
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "too much": ({MIXING: (1.1 * LOPSIDED).tolist()}, "adds up to 1.0527, .*1, or less"),
     "two rows": ({MIXING: [[0.1, 0.9], [0.0, 0.0]]}, "rows of 2, 2 shares; it must be 3 rows"),
