@@ -23,8 +23,8 @@ def test_no_scene_and_no_chip_of_the_test_is_in_training() -> None:
         {"train": set[str](), "test": set[str]()},
         {"train": set[str](), "test": set[str]()},
     )
-    for view in load_plan(PAIRS).views():
-        for sample in view.samples:
+    for task in load_plan(PAIRS).tasks():
+        for sample in task.samples:
             scenes[sample.split].add(sample.values["scene"])
             chips[sample.split].add(f"{sample.values['camera']} {sample.values['serial']}")
     assert scenes["test"] == {"first_frame", "caustic"} and scenes["train"].isdisjoint(

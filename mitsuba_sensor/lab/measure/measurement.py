@@ -158,8 +158,9 @@ def measure_bench(
         (measured,) = ms.lab.measure_bench(bench)
         print(measured.figures["K"])
 
-    report : called with the title of each instrument before it measures, from several threads; with the title, a colon
-    and how far it is while a long one measures.  instruments : all of ``ms.lab.INSTRUMENTS`` where None.
+    report : called with the title of each instrument before it measures, from several threads, and with what a long
+        one has done so far.
+    instruments : all of ``ms.lab.INSTRUMENTS`` if None.
 
     Raises InputError for a bench of several gain settings (see :meth:`Bench.at_gain`), and for one without stacks.
     """
