@@ -67,6 +67,10 @@ class Contribution(NamedTuple):
     spatial_error_dn2: float
     rms_dn: float
 
+    def __repr__(self) -> str:
+        variances = f"temporal {self.temporal_dn2:.4g}, spatial {self.spatial_dn2:.4g} DN²"
+        return f"<Contribution: {self.source}, mean {self.mean_dn:.4g} DN, {variances}>"
+
     @property
     def takes_noise(self) -> bool:
         """Whether one of its variances is negative beyond chance."""

@@ -52,6 +52,7 @@ class Instrument(NamedTuple):
         def warmest(dark):
             return dark.mean.max(), dark.mean.min(), dark.mean.max()
 
+        bench = ms.lab.read_bench("bench/")
         mine = ms.lab.Instrument("warmest pixel", lambda m: m.bench.darks[:1], warmest, "DN", "our own rule")
         ms.lab.measure_bench(bench, instruments=[*ms.lab.INSTRUMENTS, mine])
 
