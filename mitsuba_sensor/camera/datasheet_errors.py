@@ -24,7 +24,7 @@ Loc: TypeAlias = tuple[str | int, ...]
 
 KEY = "[key]"  # where pydantic's errors name a key of a table instead of its value
 NUMBER_TYPES = ("float_type", "int_type")
-WORDS = {
+TEXTS = {
     r"^\w+ should ": "",
     r"valid dictionary.*": "table",
     r"valid tuple": "list",
@@ -36,7 +36,7 @@ WORDS = {
     r"greater than": "above",
     r"less than": "below",
 }
-"""Pydantic's words → those of a camera file."""
+"""Pydantic's texts → those of a camera file."""
 
 GAIN = "readout.gain_dn_per_e"
 TERMS = {
@@ -187,8 +187,8 @@ def _text(
     if what == "missing":
         return f"{path} is missing; {about}."
     rule = one["msg"]
-    for words, ours in WORDS.items():
-        rule = re.sub(words, ours, rule)
+    for pattern, ours in TEXTS.items():
+        rule = re.sub(pattern, ours, rule)
     rule = re.sub(r"\d+\.\d{7,}|\d{9,}", lambda long: f"{float(long[0]):.10g}", rule)
     hint = ""
     if what in NUMBER_TYPES:

@@ -48,9 +48,9 @@ class ResultTable(Table):
             texts = [str(cell) for cell in column.cells]
             if self.has_only_numbers[i] and texts:
                 column.justify = "right"
-            words = texts if i == 0 else [word for text in texts for word in text.split()]
+            pieces = texts if i == 0 else [piece for text in texts for piece in text.split()]
             column.min_width = max(
-                map(cell_len, [*words, *str(column.header).split()]), default=1
+                map(cell_len, [*pieces, *str(column.header).split()]), default=1
             )
         smallest = sum(column.min_width + 2 for column in self.columns if column.min_width)
         yield Text(f"\n{self.above}" if self.above else "", style="bold")

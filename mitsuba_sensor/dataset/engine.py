@@ -1,4 +1,4 @@
-"""Who makes the tasks: processes of this machine, a Dask cluster, or this process. One loop over their futures.
+"""Makes tasks in processes of this machine, on a Dask cluster, or in this process, by one loop over their futures.
 
 Processes are those of pebble: spawned, with a time limit for each task; one that dies takes no other with it.
 """
@@ -84,11 +84,11 @@ Ended: TypeAlias = tuple[str, str, DiskFull | None]
 
 @dataclass(frozen=True)
 class Pool:
-    """submit : has a task made.  room : how many may be under way.  check : raises InputError where nobody makes them
-    any more."""
+    """submit : has a task made.  capacity : how many may be under way.
+    check : raises InputError if nobody makes them any more."""
 
     submit: Callable[[Task], futures.Future[Ended]]
-    room: Callable[[], int]
+    capacity: Callable[[], int]
     check: Callable[[], object] = lambda: None
 
 
@@ -124,7 +124,7 @@ def outcomes(tasks: Iterable[Task], job: Job, options: RunOptions) -> Iterator[O
     with undone_if_stopped(forget_logs), _pool(job, options) as pool:
         left, tries = chain([first], left), Counter[str]()
         while True:
-            while len(running) < pool.room() and (task := next(left, None)) is not None:
+            while len(running) < pool.capacity() and (task := next(left, None)) is not None:
                 running[pool.submit(task)] = task
             if not running:
                 return

@@ -116,7 +116,6 @@ def test_a_width_that_is_given_means_bands_also_where_channels_are_usual() -> No
         "parameters": SMALL,
         "spp": 16,
         "variant": "scalar_spectral",
-        "render_noise": "per-frame",
     }
     scene = SCENES / "cornell_box.xml"
     assert (

@@ -109,10 +109,7 @@ def averages(photons: Any, camera: ms.Camera, count: int = FRAMES) -> tuple[Any,
 
 @pytest.mark.parametrize(("name", "share"), one_in(4, CASES, several=True))
 def test_the_average_of_many_frames_is_the_clean_frame(name: str, share: float) -> None:
-    """Within 4.5 standard errors in every pixel, and 0.3 σ by a lattice; variances within 3 %. One seed in 100 fails.
-
-    benchmarks/clean.py has more of them.
-    """
+    """Within 4.5 standard errors in every pixel, 0.3 σ by a lattice; variances within 3 %. One seed in 100 fails."""
     camera = CAMERAS[name]
     photons = photons_of(camera, share)
     found = ms.expose(photons, camera, EXPOSURE)

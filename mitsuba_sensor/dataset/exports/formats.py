@@ -1,4 +1,4 @@
-"""The table of export formats, and the options of an export. A format is a row here and a module of its name."""
+"""The table of export formats, and the options of an export; a format is a row here and a module of its name."""
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 from typing import Annotated, Literal, NamedTuple, TypedDict
@@ -9,7 +9,7 @@ PANEL = "Export"
 
 
 class Format(NamedTuple):
-    """One format; ``write(job)`` of the module exports/NAME.py writes it and returns how to read it.
+    """One format; ``write(job)`` of the module of that name writes it and returns how to read it.
 
     contents : what is written.  needs : library that it needs beside those of the package.
     takes : its options, of those that not every format takes.  images : which pictures it has by default.

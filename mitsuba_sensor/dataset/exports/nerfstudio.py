@@ -1,4 +1,4 @@
-"""nerfstudio's transforms.json: intrinsics, and poses camera to world in OpenGL's axes (right, up, back).
+"""The transforms.json of nerfstudio: intrinsics, and poses camera to world in OpenGL's axes (right, up, back).
 
 The middle of the upper left pixel is (0.5, 0.5) there (get_image_coords has an offset of 0.5, and before OpenCV
 undistorts an image 0.5 is subtracted), hence cx and cy are larger by 0.5 than OpenCV's. nerfstudio turns, centres and

@@ -29,7 +29,7 @@ from ..variants import MitsubaObject, mitsuba
 from .bands import Bands
 
 if TYPE_CHECKING:
-    from ..passes.prepared import PreparedRender
+    from ..passes.loaded_render import LoadedRender
     from .irradiance import Irradiance
 
 FAMILIAR = (
@@ -209,7 +209,7 @@ def scale_to(luminance: float, light: Irradiance) -> float:
     return float(f"{luminance / median:.{DIGITS}g}")
 
 
-def with_brightness(light: Irradiance, render: PreparedRender) -> Irradiance:
+def with_brightness(light: Irradiance, render: LoadedRender) -> Irradiance:
     """The light of a render with its brightness in the statistics, and with notes where that is not of this world."""
     view, lamp = render.scene.view, render.at_rest.brightest_lamp_cd_per_m2
     scale = render.bands.light_scale

@@ -100,7 +100,7 @@ class SceneEdits:
     """What is changed in a scene when it is built.
 
     traverse : by name, the numbers of a parameter.  look_at : origin_m, target_m and up of the camera, or None.
-    repeatable : whether threads must not change the picture, see :func:`passes.passes.pass_plan`.
+    repeatable : whether threads must not change the picture, see :func:`samples.pass_plan`.
     infrared : what RGB colours are beyond 700 nm, see :func:`infrared.rules.ruled_colours`.
     """
 

@@ -1,6 +1,6 @@
 """Reads camera, exposure and seeds of a scene file: <sensor type="camera"> and <film type="photosensor">.
 
-:mod:`..plugins` builds Mitsuba's own objects from them.
+:mod:`mitsuba_sensor.render.plugins` builds Mitsuba's own objects from them.
 """
 
 from __future__ import annotations

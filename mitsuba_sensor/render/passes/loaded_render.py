@@ -1,0 +1,303 @@
+"""A loaded scene with its camera and bands: what its passes become, light with error bars, statistics and notes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...camera.camera import Camera
+from ...core import Caution, Exposure, Float64Array
+from ...core.heap import trim_heap
+from ...optics.f_number_law import solid_angle_sr
+from ...optics.image_record import image_record
+from ...optics.intrinsics import aperture_f_number
+from ...optics.veiling_glare import glare_sentence, veiling_glare_of
+from ...optics.waveform import Waveform
+from ...sensor.metering import Metering
+from ...theory.input_noise import input_noise
+from ..denoise.denoise import PASSES_MIN, PIXELS_MIN, Denoised, denoise, is_noisy
+from ..denoise.guides import Guides, detected_quarters, rays_for, trace_guides
+from ..denoise.network import is_installed
+from ..light.bands import Bands
+from ..light.brightness import with_brightness
+from ..light.illuminant import rendered_for
+from ..light.irradiance import Irradiance
+from ..light.photons import electrons_per_irradiance
+from ..light.statistics import (
+    POOLED,
+    NoiseRatios,
+    RenderStatistics,
+    pooled,
+    relative_errors,
+    sum_error,
+    summary_of,
+    why_not_trusted,
+)
+from ..lint.electron_share import with_notes_of_shares
+from ..motion.motion import Motion
+from ..motion.moving_scene import MovingScene, pose_m
+from ..options import RenderOptions
+from ..samples import SAMPLER
+from ..scene.light_groups import LightGroup
+from ..scene.parsed_scene import ParsedScene
+from ..scene.scene import Scene
+from ..variants import mitsuba
+from .light_of_passes import agree_with_filters, in_band_of, raw_bands
+from .passes import Electrons, Passes
+from .stop_criterion import (
+    End,
+    StopCriterion,
+)
+
+GUIDE_SEED = 1
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedRender:
+    """A loaded scene, its camera and bands, and what passes over it become.
+
+    metering : how the exposure is found, or was; None where it was given.  metered : whether it is known; otherwise it
+        is one second, and each light has its own (``exposure_of``).
+    light_groups : that are rendered apart; none: all light together.  groups : of how many it is one, which may be
+        black; 0 where it is the whole.
+    one_exposure : whether it is of one exposure alone, also where read-outs of the camera follow each other.
+    group_scenes, waveforms : of the groups where something moves, by name; the scenes for later frames.
+    """
+
+    parsed: ParsedScene
+    scene: Scene | MovingScene
+    camera: Camera
+    exposure: Exposure
+    bands: Bands
+    options: RenderOptions
+    motion: Motion = field(default_factory=Motion)
+    metering: Metering | None = None
+    metered: bool = False
+    light_groups: tuple[LightGroup, ...] = ()
+    groups: int = 0
+    one_exposure: bool = False
+    group_scenes: dict[str, Scene] = field(default_factory=dict)
+    waveforms: Mapping[str, Waveform] = field(default_factory=dict)
+
+    @property
+    def at_rest(self) -> Scene:
+        """The scene without its motion."""
+        return self.scene if isinstance(self.scene, Scene) else self.scene.scene
+
+    @property
+    def begin_s(self) -> float:
+        """When the frame begins, in the time of the motion [s]."""
+        return 0.0 if isinstance(self.scene, Scene) else self.scene.begin_s
+
+    @property
+    def unit_m(self) -> float:
+        """Metres per unit of the scene."""
+        return self.parsed.settings.metres(self.options["scene_unit"]) or 1.0
+
+    @cached_property
+    def _solid_angle(self) -> Float64Array:
+        return solid_angle_sr(self.scene.view, self.camera)
+
+    def noise_ratio(self, exposure: Exposure, light: Electrons) -> Float64Array:
+        """Render variance over sensor variance of each pixel.  light : in the exposure of the render."""
+        longer = exposure.time_s / self.exposure.time_s if self.exposure.time_s else 1.0
+        noise = input_noise(self.camera, exposure)
+        return noise.ratio(light[0] * longer, light[1] * longer**2)
+
+    def _noise_ratios(
+        self, exposure: Exposure, light: Electrons, passes: Passes, count: int
+    ) -> NoiseRatios:
+        """Noise ratios of the lit pixels.  count : of the passes that measured the variance, many if pooled."""
+        lit = (light[0] > 0) & ~passes.infinite
+        return summary_of(self.noise_ratio(exposure, light), lit, count)
+
+    def _behind_glare(self, light: Electrons) -> Electrons:
+        """Photoelectrons behind the veiling glare of the lens."""
+        glare = veiling_glare_of(self.camera, self.scene.view)
+        if glare is None:
+            return light
+        origin = self.scene.view.crop_offset[::-1]
+        return glare.of_electrons(*light, self.camera.filter_index(light[0].shape, origin))
+
+    def _is_to_be_denoised(self, passes: Passes, before: NoiseRatios) -> bool:
+        """Whether that was asked for, or nobody said otherwise and the render ends above the sensor's noise; never of
+        few passes or pixels, nor where no camera sees the noise."""
+        asked = self.options["denoise"]
+        if asked is None:
+            asked = is_installed() and before["noise_ratio_p95"] * max(self.groups, 1) > 1
+        periods = self.camera.sensor.polarizer_periods
+        enough = passes.infinite.size >= PIXELS_MIN * np.prod(periods)
+        return bool(
+            asked and enough and passes.count >= PASSES_MIN and is_noisy(*passes.electrons())
+        )
+
+    def _denoised(self, passes: Passes) -> Denoised:
+        """The photoelectrons behind each filter, denoised; guided by rays where they are not traced in Python."""
+        height, guides = self.scene.view.crop_size[1], None
+        if not mitsuba().variant().startswith("scalar"):
+            weights = electrons_per_irradiance(self.camera, self.exposure, self.bands)
+            sums = passes.bands if self.bands.first_filter else passes.filters
+            spectrum = (
+                sums.mean.mean(axis=(0, 1), dtype=np.float64)
+                * self.bands.scale[: len(self.bands)]
+            )
+            typical_nm = detected_quarters(weights, spectrum, self.bands.wavelengths_nm)
+            rays = rays_for(passes.count * passes.samples)
+
+            def make(seed: int, rows: tuple[int, int]) -> NDArray[np.float32]:
+                return trace_guides(self.at_rest, typical_nm, seed, rays, rows)
+
+            if isinstance(self.scene, Scene):
+                values = make(GUIDE_SEED, (0, height))
+            else:
+                values = self.scene.averaged(make, GUIDE_SEED, (0, height))
+            guides = Guides(values[..., :-3], values[..., -3:])
+        trim_heap()
+        factor = (passes.per_radiance * passes.unit).astype(np.float32)[..., None]
+        variance = passes.filters.variance(passes.count) * factor * factor
+        share = ((passes.count + 1) // 2) / passes.count
+        periods = self.camera.sensor.polarizer_periods
+        return denoise(passes.halves(), variance, share, guides, periods)
+
+    def _light(
+        self,
+        passes: Passes,
+        raw: Electrons,
+        denoised: Denoised | None,
+        statistics: RenderStatistics,
+        keep: bool = False,
+    ) -> Irradiance:
+        """The irradiance of the passes.  keep : whether their sums are needed afterwards."""
+        before, infinite = passes.electrons(), passes.infinite
+        weights = electrons_per_irradiance(self.camera, self.exposure, self.bands)
+        of_passes: Electrons = before[0], np.asarray(pooled(before[0], before[1], passes.count))
+        of_filters = None
+        if denoised is not None:
+            factor = (passes.per_radiance * passes.unit).astype(np.float32)[..., None]
+            of_filters = passes.filters.mean * factor
+        data, error = raw_bands(passes, self.bands, self._solid_angle, keep)
+        light = of_passes
+        if denoised is not None and of_filters is not None:
+            light = (
+                passes.own(denoised.mean),
+                np.asarray(passes.own(denoised.variance), np.float64),
+            )
+            gain = np.divide(
+                light[0], before[0], out=np.zeros_like(before[0]), where=before[0] > 0
+            )
+            before_error, error_now = (
+                relative_errors(mean, variance, infinite)
+                for mean, variance in (of_passes, light)
+            )
+            relative = gain, before_error, error_now
+            agree_with_filters(data, error, weights, of_filters, denoised, relative)
+        glare = veiling_glare_of(self.camera, self.scene.view)
+        if glare is not None:
+            light = self._behind_glare(light)
+            if denoised is None:
+                light = light[0], np.asarray(pooled(raw[0], raw[1], passes.count), np.float64)
+            glare.add_to_bands(data, error)
+        data[infinite] = error[infinite] = np.inf
+        names = self.camera.filter_names if self.bands.kind == "channels" else None
+        return Irradiance(
+            data,
+            self.bands.wavelengths_nm,
+            self.bands.bandwidths_nm,
+            error,
+            relative_errors(*light, infinite),
+            statistics,
+            filters=names,
+            response=self.bands.response,
+            polarizers=self.at_rest.polarizers,
+            origin=self.scene.view.crop_offset[::-1],
+            in_band=in_band_of(passes, light[0], data, weights) if self.bands.filters else None,
+            pass_error=relative_errors(light[0], raw[1], infinite),
+        )
+
+    def _described(
+        self,
+        light: Irradiance,
+        passes: Passes,
+        exposure: Exposure,
+        raw: Electrons,
+        denoised: Denoised | None,
+        began: float,
+    ) -> Irradiance:
+        """The light with what it was rendered for, its noise in this exposure, brightness and notes."""
+        ratios, record = self._noise_ratios(exposure, raw, passes, passes.count), None
+        if denoised is not None:
+            record = {
+                **denoised.record,
+                "guided": self.parsed.variant.backend != "scalar",
+                "raw_noise_ratio_median": ratios["noise_ratio_median"],
+                "raw_noise_ratio_p95": ratios["noise_ratio_p95"],
+            }
+            found = passes.own(denoised.mean), passes.own(denoised.variance)
+            ratios = self._noise_ratios(exposure, self._behind_glare(found), passes, POOLED)
+        statistics = replace(
+            light.statistics,
+            seconds=time.monotonic() - began,
+            denoised=record,
+            metering=None if self.metering is None else self.metering.record(exposure),
+            **ratios,
+        )
+        known = rendered_for(self.at_rest, self.camera, exposure, self.parsed.serial(None))
+        light = replace(light, statistics=statistics, rendered_for=known)
+        light = with_notes_of_shares(light, self.camera, self.at_rest.findings)
+        return light if self.groups else with_brightness(light, self)
+
+    def _statistics(
+        self, passes: Passes, stop: StopCriterion, end: End, ratios: NoiseRatios, raw: Electrons
+    ) -> RenderStatistics:
+        """How a render came about, before it is denoised and metered."""
+        samples, fireflies = passes.count * passes.samples, passes.firefly_fraction()
+        doubt = why_not_trusted(passes.count, fireflies, passes.lost)
+        notes = [*self.scene.notes]
+        if self.parsed.settings.is_default_camera:
+            notes.append(
+                f"rendered for {self.camera.name}, because no camera was given and the scene names none (--camera)"
+            )
+        notes += self.parsed.settings.unused_note(self.camera)
+        if self.camera.lens.veiling_glare > 0:
+            notes.append(glare_sentence(self.camera))
+        if (
+            self.options["denoise"] is None
+            and ratios["noise_ratio_p95"] > 1
+            and not is_installed()
+        ):
+            notes.append(
+                "not denoised: Open Image Denoise is not installed; pip install pyoidn"
+            )
+        notes += stop.notes(end, samples)
+        notes += [Caution(doubt)] if doubt else []
+        notes += [self.parsed.variant.hint] if self.parsed.variant.hint else []
+        view = self.scene.view
+        pose = pose_m(self.at_rest, self.motion, self.unit_m, self.begin_s)
+        return RenderStatistics(
+            passes=passes.count,
+            samples_per_pixel=samples,
+            seconds=0.0,
+            variant=self.parsed.variant.name,
+            sampler=SAMPLER,
+            spectral=self.bands.kind,
+            **ratios,
+            noise_ratio_asked=stop.goal if stop.reached == "noise_ratio" else None,
+            ended_by=end,
+            reliable=not doubt,
+            firefly_fraction=fireflies,
+            negative=passes.negative,
+            non_finite=passes.non_finite,
+            notes=tuple(notes),
+            facts=tuple(str(one) for one in self.at_rest.findings if one.level == "fact"),
+            scene_sha256=self.scene.sha256,
+            aperture_f_number=aperture_f_number(view, self.camera),
+            intrinsics=image_record(view, self.camera),
+            camera_to_world=pose.tolist(),
+            sum_error=sum_error(*raw),
+            motion=self.scene.time_sampling(),
+        )
