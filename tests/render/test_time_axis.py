@@ -162,7 +162,10 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "too long": ({"fps": 2000}, "longer than the frame period"),
     "no rate": ({"fps": 0}, "fps is 0"),
     "no time": ({"auto_exposure": "target 0.2"}, "give --fps"),
-    "renders": ({"fps": 30, "render_noise": "per-frame"}, "leave fps out"),
+    "renders": (
+        {"fps": 30, "render_noise": "per-frame"},
+        "fps is given; leave one of them out",
+    ),
     "no number": ({"fps": 30, "auto_exposure": "target x"}, "'x' is no number"),
     "no name": ({"fps": 30, "auto_exposure": "tarket 1"}, "Did you mean 'target'"),
     "damping": ({"fps": 30, "auto_exposure": "damping 2"}, "damping is 2"),
