@@ -257,7 +257,7 @@ def rendered_by_threads(variant: str, threads: tuple[int, ...], **options: Any) 
     "options",
     [
         exhaustive({"spp": 100, "width": 33, "spectral": "channels", "denoise": False}),
-        {"spp": 500, "width": 21, "bandwidth_nm": 50, "denoise": True},
+        {"spp": 100, "width": 21, "bandwidth_nm": 80, "denoise": True},
         exhaustive(
             {"spp": 100, "width": 27, "spectral": "cube", "bandwidth_nm": 80, "denoise": False}
         ),

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import differentiable
@@ -40,7 +41,10 @@ class Weighted(ms.Stage):
         return ms.Electrons(signal.light * self.light, signal.dark * self.dark)
 
 
-@pytest.mark.parametrize(("light", "dark"), [(1.0, 0.0), (0.0, 1.0), (2.0, 1.0), (1.0, 3.0)])
+PARTS = [(1.0, 3.0), (1.0, 0.0), (0.0, 1.0), (2.0, 1.0)]
+
+
+@pytest.mark.parametrize(("light", "dark"), one_in(4, PARTS, several=True))
 def test_each_part_has_the_derivatives_of_its_own_poisson_law(
     light: float, dark: float
 ) -> None:
