@@ -469,7 +469,7 @@ TOKENS_MAX = {
     "sensor": 13920,
     "stages": 32738,
     "study": 16912,
-    "tests": 424680,
+    "tests": 424673,
     "theory": 13847,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
