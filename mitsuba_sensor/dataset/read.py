@@ -19,11 +19,11 @@ from pydantic import ValidationError
 from ..camera.camera_file import camera_from
 from ..core import InputError, nearest
 from ..core.checks import require_path
-from ..core.small_files import json_value
 from ..files.appearing import temporary_copy
 from ..files.png import read_png
 from ..files.raw_files import read_raw_tiff
 from ..files.readout_pages import READOUTS, read_readouts
+from ..files.texts import json_object
 from ..output.exr import read_aovs_exr
 from ..output.preview import preview
 from .facts import SampleFacts
@@ -227,14 +227,9 @@ class Sample:
         return preview(self.read("raw")[0], self.camera, gain, tuple(origin))
 
     def _json(self, name: str, output: str = "") -> Facts:
-        content = self.content(name, output)
-        try:
-            found = json_value(content)
-        except ValueError:
-            found = None
-        if not isinstance(found, dict):
-            raise InputError(f"{self.place(name)} holds no JSON object; run the dataset again.")
-        return found
+        return json_object(
+            self.content(name, output), str(self.place(name)), "run the dataset again"
+        )
 
 
 @lru_cache(1)

@@ -30,6 +30,18 @@ class Hum(ms.Stage):
 
 
 @dataclass(frozen=True)
+class Flicker(ms.Stage):
+    """Dark electrons that go up and down with the number of the frame."""
+
+    period: float
+    domain = "electrons"
+
+    def sample(self, electrons: ms.Electrons, frame: ms.Frame) -> ms.Electrons:
+        added_e = 100.0 + 20.0 * np.sin(2 * np.pi * frame.index / self.period)
+        return replace(electrons, dark=electrons.dark + frame.number(added_e))
+
+
+@dataclass(frozen=True)
 class Ipc(ms.Stage):
     """Each pixel gives 2 % of its signal to each of its four neighbours, ``times`` times."""
 
@@ -149,3 +161,15 @@ def test_a_small_sensor_has_small_windows() -> None:
     stage = replace(Hum(), draw="row_normal")
     found = ms.check_stage(stage, camera=small, after="reset_noise").figures
     assert all(np.isfinite(one.measured) for one in found)
+
+
+@pytest.mark.parametrize("period", [7.3, 8, 100])
+def test_an_effect_that_repeats_after_some_frames_has_the_sigma_of_its_sine(
+    period: float,
+) -> None:
+    """20/√2 of a sine; frames 0 and 100 000 alone would show none of a period of 8 or 100."""
+    check = ms.check_stage(
+        Flicker(period), camera=TABLE1, after="dark_current", temporal=20 / np.sqrt(2)
+    )
+    sigmas = [one for one in check.figures if "temporal" in one.quantity]
+    assert sigmas and all(one.measured > 5 for one in sigmas)

@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 
 from ...camera.camera import Camera
 from ...camera.fingerprint import pixel_fingerprint
-from ...core import Exposure, Float64Array
 from ..samples import hashed_seed
 from .bands import Bands, filter_responses
-from .photons import electrons_per_irradiance, photons_per_irradiance
 
 if TYPE_CHECKING:
     from ..motion.moving_scene import MovingScene
@@ -41,16 +39,6 @@ def with_filters(bands: Bands, camera: Camera) -> Bands:
         filters=count,
         response=pixel_fingerprint(camera),
     )
-
-
-def electrons_of_film(camera: Camera, exposure: Exposure, bands: Bands) -> Float64Array:
-    """Photoelectrons behind each filter from 1 W m⁻² in each channel of the film, (F, B + filters); from bands only
-    where the film has no filters."""
-    per_band = electrons_per_irradiance(camera, exposure, bands)
-    if not bands.filters:
-        return per_band
-    (photons,) = photons_per_irradiance(camera, exposure, [bands.reference_nm], [1.0])
-    return np.concatenate([np.zeros_like(per_band), photons * np.eye(bands.filters)], axis=1)
 
 
 def radiance_of(

@@ -84,11 +84,6 @@ class InterPixelCapacitance(Stage):
         """What a pixel shows of its own charge."""
         return 1 - 4 * self.side - 4 * self.corner
 
-    @property
-    def sum_of_squares(self) -> float:
-        """Σk² of the nine couplings: the variance of independent pixels behind the coupling, over that before."""
-        return self.centre**2 + 4 * self.side**2 + 4 * self.corner**2
-
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
         """The charge that each sense node shows [e-]; no longer whole numbers."""
 
