@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ..dataset.forecast import Forecast
     from ..dataset.plan import DatasetPlan
     from ..dataset.run import Failure, RunProgress
-    from ..dataset.verify import Fault
+    from ..dataset.table import Fault
 
 READ_FIRST = {
     "contact_sheet.png": "some of the frames, to look at",
@@ -237,7 +237,7 @@ def verify_command(
 ) -> None:
     """Read every file of a dataset, and say what is not as it was written. Exit code 1 if anything is not."""
     from ..dataset.store import Store
-    from ..dataset.verify import remove_faults, verify
+    from ..dataset.table import remove_faults, verify
 
     store = Store(folder)
     with steps_bar(err) as now:

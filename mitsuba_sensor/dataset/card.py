@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..camera.figures import figures_if_any
+from ..core import InputError
 from ..core.html import render_template
+from ..files import durable
 from ..files.png import png, write_png
 from ..files.texts import write_page
 from ..output.contact_sheet import Captioned, SheetRow, contact_sheet
@@ -19,8 +23,9 @@ from ..render.limits import SHORTEST_METERED_S
 from .file import DatasetFile
 from .keys import Config, Facts, canonical
 from .read import IMAGES, PICTURE, Sample
-from .store import Store
-from .table import Line
+from .store import Row, Store
+from .sweep import evenly_chosen
+from .table import EXPOSED, Table
 
 CARD, SHEET = "README.md", "contact_sheet.png"
 TEMPLATE = Path(__file__).with_name("card.md.j2")
@@ -41,7 +46,18 @@ HOW = """import mitsuba_sensor as ms
 for sample in ms.Dataset("DIR"):
     print(sample.key, sample.split, sample.values, sample.read("{array}").shape)
 """
-Thing = TypeVar("Thing")
+
+
+TABLE = "samples.csv"
+ROWS_MAX = 100_000
+"""Rows of which spreadsheets are made."""
+COLUMNS = ("key", "split", "shard", "scene", "view", "camera", "serial", *EXPOSED)
+"""First columns of samples.csv; then all others that vary."""
+AGAIN = (
+    f"`index.parquet` lists all samples, and so does `{TABLE}`, of up to {ROWS_MAX} samples. `mitsuba-sensor dataset "
+    "run` writes them, this page and the contact sheet again when the dataset changes: keep notes of your own in "
+    "another file."
+)
 
 
 class CardNotes(NamedTuple):
@@ -52,10 +68,63 @@ class CardNotes(NamedTuple):
     remarks: tuple[str, ...] = ()
 
 
+def write_overview(
+    store: Store, file: DatasetFile, table: Table, planned: int, failed: int
+) -> CardNotes:
+    """Write all three where the card is of other samples. What cannot be written is a remark.
+
+    planned : samples in all.  failed : tasks that could not be made.
+    """
+    mark = f"<!-- {table.digest} of {planned}, {failed} failed -->"
+    names = [CARD] + [TABLE] * (len(table) <= ROWS_MAX)
+    card = durable.read_small(store.folder / CARD, 2**24).decode("utf-8", "replace")
+    names += [SHEET] * (f"({SHEET})" in card)
+    if mark in card and all((store.folder / name).is_file() for name in names):
+        return CardNotes()
+    notes = [AGAIN]
+    if planned > len(table):
+        why = f", and {failed} tasks have failed" if failed else ""
+        notes = [f"{planned - len(table)} of {planned} samples are not there{why}.", AGAIN]
+    try:
+        if len(table) <= ROWS_MAX:
+            write_page(store.folder / TABLE, samples_csv(table))
+        else:
+            durable.remove_file(store.folder / TABLE)
+        return write_card(store.folder, store, table, file, file.licence, "", [*notes, mark])
+    except (InputError, OSError) as error:  # all samples are there: the run has not failed
+        what = f"{CARD}, {SHEET} or {TABLE} in {store.folder}"
+        return CardNotes(remarks=(f"{what} was not written: {error}",))
+
+
+def samples_csv(table: Table) -> str:
+    """A row for each sample, for spreadsheets; the parts of a pose have columns of their own."""
+    names, text = dict.fromkeys(COLUMNS), io.StringIO()
+    for line in table:
+        names.update(dict.fromkeys(_cells(line.values)))
+    writer = csv.DictWriter(text, [*names], restval="", lineterminator="\n")
+    writer.writeheader()
+    for line in table:
+        places = {"key": line.key, "split": line.split, "shard": line.shard}
+        writer.writerow({**places, **_cells(line.values), **line.exposed})
+    return text.getvalue()
+
+
+def _cells(values: Config) -> dict[str, str]:
+    cells: dict[str, str] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            cells |= _cells({f"{name}.{part}": one for part, one in value.items()})
+        elif isinstance(value, list | tuple):
+            cells[name] = " ".join(map(str, value))
+        else:
+            cells[name] = str(value)
+    return cells
+
+
 def write_card(
     folder: Path,
     store: Store,
-    lines: Sequence[Line],
+    lines: Sequence[Row],
     file: DatasetFile,
     licence: str,
     how: str = "",
@@ -110,13 +179,7 @@ def write_card(
     return CardNotes(render_noise, remarks)
 
 
-def evenly_chosen(things: Sequence[Thing], most: int) -> list[Thing]:
-    """At most so many of them, evenly chosen, in their order."""
-    places = np.linspace(0, len(things) - 1, min(most, len(things)))
-    return [things[place] for place in np.unique(places.astype(int)).tolist()]
-
-
-def _figures(lines: Sequence[Line], facts: Sequence[Facts]) -> list[tuple[str, str | int]]:
+def _figures(lines: Sequence[Row], facts: Sequence[Facts]) -> list[tuple[str, str | int]]:
     """Counts of the whole dataset."""
     sizes = {f"{one['image']['columns']} × {one['image']['rows']}" for one in facts}
     bytes_of_lights = {line.shard: line.light_bytes for line in lines}
@@ -130,7 +193,7 @@ def _figures(lines: Sequence[Line], facts: Sequence[Facts]) -> list[tuple[str, s
     ]
 
 
-def _split_rows(lines: Iterable[Line]) -> list[tuple[str | int, ...]]:
+def _split_rows(lines: Iterable[Row]) -> list[tuple[str | int, ...]]:
     """Split, samples, scenes, renders and sensor units."""
     counts: dict[str, int] = {}
     sets: dict[str, tuple[set[object], ...]] = {}
@@ -229,10 +292,10 @@ def _remarks(facts: Iterable[Facts]) -> tuple[str, ...]:
     )
 
 
-def sheet_rows(store: Store, lines: Sequence[Line]) -> list[SheetRow]:
+def sheet_rows(store: Store, lines: Sequence[Row]) -> list[SheetRow]:
     """Rows of a contact sheet, one for each scene and view, evenly chosen; none without previews and raw frames."""
     looked_at = evenly_chosen(lines, SHEET_LINES_MAX)
-    scenes: dict[str, dict[object, list[Line]]] = {}
+    scenes: dict[str, dict[object, list[Row]]] = {}
     for line in looked_at:
         views = scenes.setdefault(str(line.values.get("scene")), {})
         views.setdefault(line.values.get("view"), []).append(line)
@@ -259,7 +322,7 @@ def _varied(values: Sequence[Config]) -> list[str]:
     return [name for name, x in first.items() if any(one.get(name, x) != x for one in values)]
 
 
-def caption(line: Line, varied: Sequence[str]) -> list[str]:
+def caption(line: Row, varied: Sequence[str]) -> list[str]:
     """The exposure as it was, metering and stops included, and what else varies: one line for each."""
     stops, time_s = line.values.get("exposure_ev"), line.exposed["exposed_s"]
     found = [f"{time_text(time_s)}, {stops:+g} EV" if stops else time_text(time_s)]

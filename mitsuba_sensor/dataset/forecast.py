@@ -11,9 +11,8 @@ from tempfile import TemporaryDirectory
 from ..core import InputError
 from ..render.variants import restores_variant
 from .checks import Counts
-from .make import Rendered, contents_of
+from .make import Rendered, contents_of, is_timed
 from .plan import DatasetPlan, Task
-from .task_render import is_timed
 
 RATIO_EXPONENT = 0.75  # of samples, by which the noise ratio of denoised light falls
 
@@ -59,9 +58,9 @@ def _measured(task: Task, counts: Counts) -> Forecast:
     if not whole:
         render = {**task.config["render"], "spp": min(spp, SHORT_SPP)}
         task = replace(task, config={**task.config, "render": render})
-        Rendered.of(task)  # compiles
+        Rendered(task)  # compiles
     started = time.monotonic()
-    rendered = Rendered.of(task)
+    rendered = Rendered(task)
     render_s, statistics = time.monotonic() - started, rendered.light.statistics
     noise_ratio = statistics.noise_ratio_median
     if not whole:

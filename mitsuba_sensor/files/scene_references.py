@@ -94,8 +94,16 @@ def scene_references(
     Raises InputError for a scene that cannot be read or has a value that is not known, for a file that is not where
     the scene looks for it, and where native code lies beside it, which Mitsuba would load and run.
     """
+    return references_of(Path(path), parameters, roots)[0]
+
+
+def references_of(
+    path: Path, parameters: Parameters, roots: Sequence[Path] | None = None
+) -> tuple[list[Path], set[str]]:
+    """The same, and the names of all parameters that other values of may lead to other files."""
     values = {str(name): str(value) for name, value in parameters.items()}
-    return list(_Search(Path(path), values, roots).found)
+    search = _Search(path, values, roots)
+    return list(search.found), search.used
 
 
 def camera_references(path: str | os.PathLike[str]) -> list[Path]:
@@ -106,14 +114,15 @@ def camera_references(path: str | os.PathLike[str]) -> list[Path]:
 class _Search:
     """The elements of a scene and its includes, one after the other, with the parameters known so far.
 
-    found : the files.  folders : where Mitsuba looks for them.  read : how many XML files, each as often as included.
+    found : the files.  used : parameters that stand in values.  folders : where Mitsuba looks for them.  read : how many
+    XML files, each as often as included.
     """
 
     def __init__(
         self, scene: Path, values: dict[str, str], roots: Sequence[Path] | None
     ) -> None:
         self.values, self.folders, self.found = values, [scene.parent], dict[Path, None]()
-        self.roots, self.read = roots, 0
+        self.roots, self.read, self.used = roots, 0, set[str]()
         self._refuse_code(scene.parent)
         self._read(scene, 0)
 
@@ -181,7 +190,9 @@ class _Search:
         value = one.value
         if "$" in value:
             for name in sorted(self.values, key=lambda name: (-len(name), name)):
-                value = value.replace(f"${name}", self.values[name])
+                if f"${name}" in value:
+                    self.used.add(name)
+                    value = value.replace(f"${name}", self.values[name])
             if "$" in value:
                 raise InputError(
                     f"{where}: {one.value[:200]!r} has a parameter without a value; give it one (-D name=value)."

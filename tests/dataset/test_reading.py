@@ -18,8 +18,7 @@ from PIL import Image
 import mitsuba_sensor as ms
 from mitsuba_sensor.dataset import TorchDataset, batches, make_dataset
 from mitsuba_sensor.dataset.card import SAMPLES_READ_MAX, caption, sheet_rows, time_text
-from mitsuba_sensor.dataset.store import Store
-from mitsuba_sensor.dataset.table import Line
+from mitsuba_sensor.dataset.store import Row, Store
 from mitsuba_sensor.optics.spectra import inverse_srgb_curve, srgb_curve
 from mitsuba_sensor.output.contact_sheet import (
     Captioned,
@@ -227,7 +226,7 @@ def test_a_run_that_changes_nothing_leaves_them_and_writes_again_what_is_missing
         (made / name).unlink()
         make_dataset(made.parent / "views.toml", made, workers=0)
         assert {x: (made / x).read_bytes() for x in names} == before
-    monkeypatch.setattr("mitsuba_sensor.dataset.overview.write_card", None)
+    monkeypatch.setattr("mitsuba_sensor.dataset.card.write_card", None)
     assert not make_dataset(made.parent / "views.toml", made, workers=0).remarks
     (made / "README.md").rename(made / "kept")
     (made / "README.md").mkdir()
@@ -288,7 +287,7 @@ def test_a_row_of_the_sheet_is_a_scene_and_view_and_says_the_exposures(made: Pat
 def test_a_caption_is_the_time_that_was_exposed_and_what_varies(
     values: dict[str, object], lines: list[str]
 ) -> None:
-    line = Line("", "", "", 0, 0, 0, 0, 0, {"exposed_s": 0.3}, values)
+    line = Row.model_construct(exposed={"exposed_s": 0.3}, values=values)
     assert caption(line, [*values]) == lines
 
 

@@ -159,7 +159,7 @@ def test_a_scene_that_was_changed_since_is_named(
     tables = {"scenes": [{"name": "flat", "file": "flat.xml"}]}
     run(plan_of(tmp_path, **tables), tmp_path / "out", workers=0, progress=False)
     (tmp_path / "flat.xml").write_text(scene.replace("<scene", "<!-- mine --><scene", 1))
-    with pytest.raises(InputError, match=r"made from another flat\.xml"):
+    with pytest.raises(InputError, match=r"made from another scene 'flat'"):
         run(plan_of(tmp_path, **tables), tmp_path / "out", workers=0, progress=False)
 
 
@@ -239,11 +239,11 @@ begin_command()
 from functools import partial
 from pathlib import Path
 from helpers import datasets
-from mitsuba_sensor.dataset import overview, run
+from mitsuba_sensor.dataset import card, run
 from mitsuba_sensor.dataset.engine import Job
 run.Job = lambda *given: Job(*given, make=datasets.make_slowly)
 run.check_scenes = lambda plan: None
-overview.write_overview = lambda *given: overview.CardNotes()
+card.write_overview = lambda *given: card.CardNotes()
 run.run(datasets.plan_of(grid=datasets.LIGHTS), Path(sys.argv[1]), workers=int(sys.argv[2]), progress=False)
 """
 
