@@ -228,18 +228,13 @@ def growth_refused(old: DatasetFile, new: DatasetFile) -> str:
     changed = []
     for name in DatasetFile.model_fields:
         before, now = getattr(old, name), getattr(new, name)
-        if before == now or name in NO_PIXELS:
-            continue
-        grows = False
+        grows = name in NO_PIXELS
         if name in ("scenes", "cameras", "list"):
-            grows = all(one in now for one in before) and bool(before)
-        elif name == "grid":
-            grows = before.keys() == now.keys()
-            grows = grows and all(
-                {*map(repr, before[x])} <= {*map(repr, now[x])} for x in before
-            )
+            grows = bool(before) and all(one in now for one in before)
+        elif name == "grid" and before.keys() == now.keys():
+            grows = all({*map(repr, before[x])} <= {*map(repr, now[x])} for x in before)
         elif name == "random" and before and now:
             grows = before.values == now.values and before.draws <= now.draws
-        if not grows:
+        if before != now and not grows:
             changed.append(f"[{name}]" if name in ("render", "splits") else name)
     return ", ".join(changed)

@@ -48,7 +48,9 @@ class Lights:
         self._motions = [self._motion(scene) for scene in file.scenes]
         self._is_moving = [motion != Motion() for motion in self._motions]
         self._motion_facts = [Fixed(one.model_dump(mode="json")) for one in self._motions]
-        self._digests: dict[tuple[int, tuple[str, ...]], dict[object, str]] = {}
+        self._digests: list[dict[tuple[str, ...], dict[object, str]]] = [
+            {} for _ in file.scenes
+        ]
         self._rigs = lru_cache(RIGS_KEPT)(self._rig_of)
         self.options = self._options()
 
@@ -114,18 +116,17 @@ class Lights:
 
     def _digest(self, scene: int, parameters: Mapping[str, str]) -> str:
         """SHA-256 over all files of a scene. Only parameters that stand in names of files may change it."""
-        for (of_scene, names), digests in self._digests.items():
-            known = digests.get((*map(parameters.get, names),))
-            if of_scene == scene and known is not None:
+        for names, digests in self._digests[scene].items():
+            if known := digests.get((*map(parameters.get, names),)):
                 return known
         place, roots = self.places[scene], self.folders.roots
         if shipped_file(self.file.scenes[scene].file, SCENE, roots):
             roots = [scenes_folder(), *roots]
         is_untrusted = self.folders.untrusted
-        files, names = references_of(place, parameters, roots if is_untrusted else None)
+        files, used = references_of(place, parameters, roots if is_untrusted else None)
         digest = files_digest(files, roots, None if is_untrusted else place.parent)
-        known_digests = self._digests.setdefault((scene, tuple(sorted(names))), {})
-        known_digests[(*map(parameters.get, sorted(names)),)] = digest
+        names = (*sorted(used),)
+        self._digests[scene].setdefault(names, {})[(*map(parameters.get, names),)] = digest
         return digest
 
     def _place(self, entry: SceneEntry) -> Path:

@@ -49,14 +49,6 @@ PAGES = ("raw", "companded")
 AOVS_FILE, FACTS, BUDGET = "aovs.exr", "sample.json", "noise_budget.json"
 AOVS = ("depth_m", "position_m", "normal", "albedo", "shape_index", "flow_px")
 SHORT_NAMES = {"depth": "depth_m", "position": "position_m", "flow": "flow_px"}
-NO_ARRAYS = {
-    "noise_budget": "sample.noise_budget",
-    "readouts": "sample.readouts",
-    "aovs": "sample.read(name), by the name of one of them, e.g. 'depth',",
-    "irradiance": 'ms.read_irradiance of the file sample.opened("irradiance.exr")',
-    "dng": 'the file sample.files["frame.dng"]',
-}
-"""Outputs that are not read as arrays → what has them."""
 SAMPLES_KEPT = 4
 """Contents of samples and lights that are kept, those read last."""
 KEY_DIGITS_MIN = 4
@@ -297,8 +289,6 @@ class Sample:
             return np.asarray(getattr(self.aovs(name), name))
         if name == "preview":
             return self._preview()
-        if name in NO_ARRAYS:
-            raise InputError(f"{name} of a sample is no array; {NO_ARRAYS[name]} has it.")
         if name not in IMAGES:
             known = (*IMAGES, "preview", *AOVS)
             raise InputError(

@@ -287,14 +287,16 @@ class _Run:
 
     def _finish(self, planned: int) -> None:
         """Write the table, and what people read."""
-        from .card import write_overview
+        from . import card
 
-        table = Table(self.store)
-        overview = write_overview(
-            self.store, self.plan.file, table, planned, len(self.progress.failed)
-        )
-        self.progress.render_noise = overview.render_noise
-        self.progress.remarks += overview.remarks
+        table, failed = Table(self.store), len(self.progress.failed)
+        try:
+            self.progress.render_noise = card.write_overview(
+                self.store, self.plan.file, table, planned, failed
+            )
+        except (InputError, OSError) as error:  # all samples are there: the run has not failed
+            what = f"{card.CARD}, {card.SHEET} or {card.TABLE} in {self.store.folder}"
+            self.progress.remarks.append(f"{what} was not written: {error}")
 
     def _said_when_stopped(self) -> str:
         """How many samples are on the disk, whoever made them, also those of which this process has not heard yet."""

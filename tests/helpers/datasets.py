@@ -107,7 +107,7 @@ def no_renders(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Tasks of runs are made by :func:`make_quickly`, and nothing is written for people."""
     monkeypatch.setattr(run, "Job", lambda *given: Job(*given, make=make_quickly))
     monkeypatch.setattr(run, "check_scenes", lambda plan: None)
-    monkeypatch.setattr(card, "write_overview", lambda *given: card.CardNotes())
+    monkeypatch.setattr(card, "write_overview", lambda *given: "")
     return monkeypatch
 
 
