@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import cast
@@ -22,8 +22,8 @@ from ..render.scene.asked_groups import AskedGroups
 from ..render.scene.half_pupil import check_halves
 from ..render.scene.light_groups import LightGroup, parts_of_light
 from ..render.variants import restores_variant
-from .file import MOST_SAMPLES, DatasetFile, Value
-from .keys import Config, canonical
+from .file import MOST_SAMPLES, DatasetFile
+from .keys import canonical
 from .make import camera_of, parsed_scene, scene_options
 from .plan import DatasetPlan, Place, Task
 from .sweep import ends, evenly_chosen, whole_values
@@ -190,36 +190,11 @@ def _refuse_equal(plan: DatasetPlan, key: str) -> None:
 
 
 def _check_draws(file: DatasetFile) -> None:
-    """Raise InputError for a value that a law can draw and that cannot be, and for exposures that are too long with the
-    stops on top."""
-    draws = file.random.draws if file.random else 1
-    laws = file.random.values if file.random else {}
-    for name, law in laws.items():
-        for value in ends(law, draws):
+    """Raise InputError for a value that a law can draw and that cannot be."""
+    laws = file.random.values.items() if file.random else ()
+    for name, law in laws:
+        for value in ends(law, file.random.draws if file.random else 1):
             check_value(name, value)
-    for row in file.list or ({},):
-        times, stops = (
-            [x for x in _values_of(file, row, name) if isinstance(x, int | float)]
-            for name in ("exposure_s", "exposure_ev")
-        )
-        if not times or not stops:
-            continue
-        try:
-            Exposure(max(times) * 2.0 ** max(stops))
-        except InputError as error:
-            raise InputError(
-                f"exposure_s is {max(times):g} with exposure_ev {max(stops):g} on top: {error}"
-            ) from None
-
-
-def _values_of(file: DatasetFile, row: Config, name: str) -> Iterator[Value]:
-    """What something can be in the samples of a row."""
-    if name in row:
-        yield row[name]
-    elif file.random and name in file.random.values:
-        yield from ends(file.random.values[name], file.random.draws)
-    else:
-        yield from file.grid.get(name, ())
 
 
 def growth_refused(old: DatasetFile, new: DatasetFile) -> str:

@@ -27,7 +27,7 @@ from .file import read_dataset_text
 from .keys import Facts
 from .options import RunOptions
 from .plan import DatasetPlan, Place, Task, load_plan
-from .store import Shard, Store
+from .store import Store
 from .table import Table, open_table
 
 FAILED = "failed.jsonl"
@@ -35,8 +35,6 @@ MOST_FAILED_BYTES = 2**26
 TABLE_EVERY_S = 300.0
 """Between two tables that are written while samples are made, and at least so many times what one takes:"""
 TABLE_SHARE = 20
-OLD_RECORD = "record.json"
-"""Which folders of datasets had until format 4."""
 NEW_FOLDER = "give a new folder"
 
 
@@ -183,7 +181,7 @@ class _Run:
             check_scenes(plan)  # before anything is written
             store.clean()
         record = plan.record(counts.samples)
-        self._put_aside([x for key, x in self.finished.items() if key not in self.samples_of])
+        self._put_outdated_aside()
         store.write_record(record)
         failures = read_failures(store)
         job = Job(str(store.folder), record, self.chosen["memory_gb"])
@@ -215,24 +213,31 @@ class _Run:
         self.progress.samples += is_ours * samples
         self.progress.there += is_ours * is_there * samples
 
-    def _put_aside(self, shards: Sequence[Shard]) -> None:
+    def _put_outdated_aside(self) -> None:
         """Move the shards away that an earlier text of the dataset file has, and this one not. Raises InputError where
         the text is the same."""
-        record = self.store.record()
-        if shards and record is not None and record.text == self.plan.text:
-            scene = self.store.rows(shards[0])[0].values["scene"]
+        store = self.store  # which another run may have tidied meanwhile
+        outdated = [
+            shard
+            for key, shard in store.finished().items()
+            if key in self.finished and key not in self.samples_of
+        ]
+        if not outdated:
+            return
+        record = store.record()
+        if record is not None and record.text == self.plan.text:
+            scene = store.rows(outdated[0])[0].values.get("scene")
             raise InputError(
-                f"{self.store.folder} was made from another scene {scene!r}, or other cameras: a file that the dataset "
-                f"file names has changed; restore it, or {NEW_FOLDER}."
+                f"{store.folder} was made from another scene {scene!r}, or other cameras: a file that the dataset file "
+                f"names has changed; restore it, or {NEW_FOLDER}."
             )
-        for shard in shards:
-            self.store.put_aside(shard)
-        if shards:
-            several = f"{len(shards)} shard{'s' * (len(shards) != 1)}"
-            self.progress.remarks.append(
-                f"moved {several} to {self.store.folder / 'earlier'}, because the dataset file no longer has their "
-                "samples or splits; nothing reads that folder, so remove it to save space."
-            )
+        for shard in outdated:
+            store.put_aside(shard)
+        several = f"{len(outdated)} shard{'s' * (len(outdated) != 1)}"
+        self.progress.remarks.append(
+            f"moved {several} to {store.folder / 'earlier'}, because the dataset file no longer has their samples or "
+            "splits; nothing reads that folder, so remove it to save space."
+        )
 
     def _missing(self, failures: dict[str, Failure]) -> Iterator[Task]:
         """Tasks that are to be made."""
@@ -311,10 +316,6 @@ def check_same(plan: DatasetPlan, store: Store) -> None:
     """Raise InputError where a folder has another dataset than the plan, or one of other versions or files."""
     folder, record = store.folder, store.record()
     if record is None:
-        if (folder / OLD_RECORD).is_file():
-            raise InputError(
-                f"{folder} holds a dataset of an earlier format, of folders and pieces; {NEW_FOLDER}."
-            )
         return
     for name, version in plan.made_by.items():
         if (before := record.made_by.get(name)) != version:
