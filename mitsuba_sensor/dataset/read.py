@@ -233,23 +233,10 @@ class Sample:
         """Where a file is, for messages."""
         return f"{self.store.shards / self.line.shard} ({self.key}): {name}"
 
-    @cached_property
+    @property
     def facts(self) -> Facts:
         """sample.json: configuration, camera, seeds, black and white level, quantiles. Raises InputError."""
-        return self.facts_once()
-
-    def facts_once(self) -> Facts:
-        """The same, not kept: that of a million samples is too much."""
-        found = self._json(FACTS)
-        try:
-            SampleFacts.model_validate(found)
-        except ValidationError as error:
-            fault = error.errors()[0]
-            where = ".".join(map(str, fault["loc"]))
-            raise InputError(
-                f"{self.place(FACTS)} is not as a run writes it: {where}: {fault['msg']}; run the dataset again."
-            ) from None
-        return found
+        return _facts(self.content(FACTS), self.place(FACTS))
 
     @cached_property
     def view(self) -> Facts:
@@ -319,6 +306,21 @@ class Sample:
         return json_object(
             self.content(name, output), str(self.place(name)), "run the dataset again"
         )
+
+
+@lru_cache(SAMPLES_KEPT)
+def _facts(content: bytes, place: str) -> Facts:
+    """Contents of a sample.json, which readers need; those read last are kept."""
+    found = json_object(content, place, "run the dataset again")
+    try:
+        SampleFacts.model_validate(found)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        where = ".".join(map(str, fault["loc"]))
+        raise InputError(
+            f"{place} is not as a run writes it: {where}: {fault['msg']}; run the dataset again."
+        ) from None
+    return found
 
 
 @lru_cache(1)

@@ -14,23 +14,13 @@ MOST_STOPS = 60.0
 MOST_FRAMES = 65535
 
 
-FIELDS = {  # what can be varied → what it is
-    "exposure_s": "exposure time [s], or auto",
-    "exposure_ev": "stops on top of exposure_s or of the metered time",
-    "gain": "gain setting of the camera",
-    "temperature_k": "temperature of the sensor [K]",
-    "f_number": "f-number of the lens",
-    "focus_m": "focus distance of a lens prescription [m]",
-    "serial": "serial number of the camera",
-    "frames": "frames per sample",
-    "repetition": "number of an independent sample at the same settings",
-}
-PREFIXES = {
-    "parameters": "a <default> of the scene file",
-    "traverse": "a parameter of the scene by its name in mi.traverse",
-    "camera": "a field of the camera's datasheet",
-    "lights": "level or waveform of a light group",
-}
+FIELDS = (
+    *("exposure_s", "exposure_ev", "gain", "temperature_k", "f_number", "focus_m"),
+    *("serial", "frames", "repetition"),
+)
+"""What can be varied: time [s] or auto, stops on top of it, gain setting, …; docs/datasets.md has what each is."""
+PREFIXES = ("parameters", "traverse", "camera", "lights")
+"""Values of <default> names, of mi.traverse names, of the datasheet, and of light groups."""
 
 PICTURE = "frame.png"
 """The preview of a sample."""

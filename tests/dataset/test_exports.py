@@ -588,7 +588,7 @@ def forged(made: Path, folder: Path, **changes: Any) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", one_in(3, ["../evil", "a/../../evil", "ABSOLUTE/evil", "."]))
+@pytest.mark.parametrize("name", one_in(4, ["../evil", "a/../../evil", "ABSOLUTE/evil", "."]))
 @pytest.mark.parametrize("format", NAMES[:-1])
 def test_names_in_a_foreign_dataset_lead_nowhere_else(
     made: Path, tmp_path: Path, name: str, format: str
@@ -630,7 +630,7 @@ def test_forged_facts_of_a_sample_are_a_sentence(
     made: Path, tmp_path: Path, cli: Callable[..., Any], changes: dict[str, Any]
 ) -> None:
     copy = forged(made, tmp_path / "copy", facts=changes)
-    for format in ("card", "kitti", "parquet"):
+    for format in ("card", "kitti"):
         with pytest.raises(ms.InputError, match=r"sample\.json is not as a run writes it"):
             export(copy, format, tmp_path / "out")
     assert cli("dataset", "show", copy, "0").exit_code == 2

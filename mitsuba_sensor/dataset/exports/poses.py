@@ -121,7 +121,7 @@ def worlds(job: Job) -> dict[str, list[Posed]]:
     groups: dict[tuple[str, str], list[Posed]] = {}
     unposed: dict[tuple[str, str], list[Sample]] = {}
     for sample in job.samples:
-        facts = sample.facts_once()
+        facts = sample.facts
         scene, config, light = facts["view"]["scene"], facts["view"]["config"], facts["light"]
         try:
             pitch_um = facts["config"]["camera"]["pixel"]["pitch_x_um"]
