@@ -454,7 +454,7 @@ TOKENS_MAX = {
     "camera": 24754,
     "cli": 25440,
     "core": 24196,
-    "dataset": 42883,
+    "dataset": 43001,
     "examples": 11859,
     "files": 18939,
     "gradient": 4248,
@@ -467,7 +467,7 @@ TOKENS_MAX = {
     "sensor": 13920,
     "stages": 32706,
     "study": 16912,
-    "tests": 423065,
+    "tests": 423068,
     "theory": 13847,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

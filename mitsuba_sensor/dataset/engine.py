@@ -36,6 +36,8 @@ MOST_TRIES = 3
 """Of a task whose process dies."""
 LOOKS_EVERY_S = 5.0
 """Between two looks at whether a scheduler still answers, where nothing comes from it."""
+ENDS_WITHIN_S = 1.0
+"""How long a stop waits for workers; one that is inside a kernel ends after it, and finishes nothing either."""
 MOST_LOG = 4000
 """Characters that are kept of what a process printed, from its end."""
 LOST = OSError, futures.CancelledError, asyncio.CancelledError
@@ -211,7 +213,7 @@ def _processes(job: Job, workers: int, timeout_s: float | None) -> Iterator[Pool
     context: Any = multiprocessing.get_context("spawn")
     if os.name == "posix":
         _begin_tracker()
-    with _without_main():
+    with _without_main(), undone_if_stopped(_end_workers):
         pool = ProcessPool(workers, initializer=_begin_worker, context=context)
         try:
             yield Pool(
@@ -221,6 +223,15 @@ def _processes(job: Job, workers: int, timeout_s: float | None) -> Iterator[Pool
         finally:
             pool.stop()  # type: ignore[no-untyped-call]
             pool.join()
+
+
+def _end_workers() -> None:
+    """Runs when the run is stopped: nothing is finished any more while what is complete is counted."""
+    workers = multiprocessing.active_children()
+    for worker in workers:
+        worker.terminate()
+    for worker in workers:
+        worker.join(ENDS_WITHIN_S / len(workers))
 
 
 def _begin_worker() -> None:

@@ -28,6 +28,10 @@ class Fixed(Facts):
         """See :func:`canonical`."""
         return canonical({**self})
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """For other processes: without the text."""
+        return Fixed, ({**self},)
+
 
 def canonical(value: Any) -> str:
     """Strict JSON of plain values with sorted keys and no spaces: equal configurations have equal text.

@@ -244,7 +244,7 @@ class DatasetPlan:
                     if SENSOR in values:
                         chip = self.lights.rig(one).chip(serial, values[SENSOR])
                     pixels = key_of_text(f'{before}"serial":{chip}{after}')
-                    key = key_of_text(self._text_before_pixels + pixels + '"}')
+                    key = key_of_text(self._before_pixels + pixels + '"}')
                     whole = {**config, "serial": chip, "outputs": self._outputs}
                     told = {**said, "serial": serial, **of_pose}
                     yield PlannedSample(next(numbers), key, pixels, whole, told, split)
@@ -255,9 +255,16 @@ class DatasetPlan:
         return [name for name in self.file.outputs if name not in OF_VIEW]
 
     @cached_property
-    def _text_before_pixels(self) -> str:
+    def _before_pixels(self) -> str:
         """The text of which a sample's key is the hash, up to the key of its pixels, which is the last in it."""
         text = canonical({"made_by": self.made_by, "outputs": self._outputs, "sample": ""})
+        return text.removesuffix('"}')
+
+    @cached_property
+    def _before_view(self) -> str:
+        """The same of the key of a light and of the outputs that its samples share."""
+        outputs = [name for name in OF_VIEW if name in self.file.outputs]
+        text = canonical({"made_by": self.made_by, "outputs": outputs, "view": ""})
         return text.removesuffix('"}')
 
     def _task(
@@ -270,7 +277,7 @@ class DatasetPlan:
         number: int,
     ) -> Task:
         outputs = tuple(name for name in OF_VIEW if name in self.file.outputs)
-        own = key_of({"view": light_key, "outputs": outputs, "made_by": self.made_by})
+        own = key_of_text(self._before_view + light_key + '"}')
         camera = self.cameras.of(lead)
         asked = {"gain": camera.gain, "exposure": exposure_asked(lead.values)}
         ordered = tuple(sorted(samples, key=lambda sample: sample.key))
