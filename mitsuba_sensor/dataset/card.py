@@ -20,10 +20,11 @@ from ..files.texts import write_page
 from ..output.contact_sheet import Captioned, SheetRow, contact_sheet
 from .file import DatasetFile
 from .keys import Config, Facts, canonical
-from .read import IMAGES, PICTURE, Sample
+from .read import IMAGES, Sample
 from .store import Row, Store
 from .sweep import evenly_chosen
 from .table import EXPOSED, Table
+from .values import PICTURE
 
 CARD, SHEET = "README.md", "contact_sheet.png"
 TEMPLATE = Path(__file__).with_name("card.md.j2")

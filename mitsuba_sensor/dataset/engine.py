@@ -27,7 +27,7 @@ from ..core import DiskFull, InputError
 from ..files import worker_log
 from ..files.memory import TOO_MUCH_MEMORY, memory_limit
 from ..stopping import end_quietly, signals_held, undo_when_terminated, undone_if_stopped
-from .keys import Config, made_by
+from .keys import Config, Facts, made_by
 from .options import RunOptions
 from .plan import Task
 from .store import Record, Store
@@ -266,7 +266,7 @@ def _begin_tracker() -> None:
 def _without_main() -> Iterator[None]:
     """Processes that begin meanwhile do not run the main script again, which may have no guard, or no file."""
     main = vars(sys.modules["__main__"])
-    known = {name: main.pop(name) for name in ("__file__", "__spec__") if name in main}
+    known: Facts = {name: main.pop(name) for name in ("__file__", "__spec__") if name in main}
     main["__spec__"] = None
     try:
         yield

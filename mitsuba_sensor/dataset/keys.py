@@ -46,7 +46,7 @@ def canonical(value: Any) -> str:
     if isinstance(value, float) and math.isfinite(value):
         is_whole = value.is_integer() and abs(value) < LARGEST_WHOLE
         return str(int(value)) if is_whole else float.__repr__(value)
-    if kind is Fixed:
+    if isinstance(value, Fixed):
         return value.text
     if isinstance(value, dict):
         parts = [

@@ -246,7 +246,8 @@ class SensorNoise:
     def _saturation_note(self, photons: Photons, draw: Draw) -> str:
         """Where many pixels are saturated: how many electrons the camera holds, and what helps."""
         camera = self.camera.at_gain(draw.gain)
-        efficiency = self._efficiency[camera.filter_index(photons.shape[:2])]
+        rows, columns, _ = photons.shape
+        efficiency = self._efficiency[camera.filter_index((rows, columns))]
         share = saturated_share(photons.mean[..., 0] * efficiency, camera, self.exposure)
         if share < SATURATED_PIXELS:
             return ""

@@ -12,9 +12,10 @@ import numpy as np
 import scipy
 
 from ..core import Float64Array, InputError
+from ..core.types import NumpyArray
 from ..render.motion.motion import KeyPose
 from .file import DatasetFile, Distribution, SceneEntry, Value, View
-from .keys import Facts
+from .keys import Config, Facts
 
 Values = Facts
 SENSOR = "sensor"
@@ -71,12 +72,10 @@ class Poses:
         if self.path is None:
             return self.given[number]
         times_s, poses = self._of_path
-        pose = (
-            {}
-            if poses is None
-            else dict(zip(VECTORS, map(tuple, poses[number].tolist()), strict=True))
-        )
-        return View.model_construct(**pose, time_s=float(times_s[number]))
+        view: Facts = {"time_s": float(times_s[number])}
+        if poses is not None:
+            view |= zip(VECTORS, map(tuple, poses[number].tolist()), strict=True)
+        return View.model_construct(**view)
 
     @cached_property
     def _of_path(self) -> tuple[Float64Array, Float64Array | None]:
@@ -106,7 +105,7 @@ class Poses:
         return times_s, poses
 
 
-def _rounded(values: Float64Array, digits: int) -> Float64Array:
+def _rounded(values: NumpyArray, digits: int) -> Float64Array:
     """Numbers with so many decimals, never −0."""
     return np.asarray(np.round(values, digits) + 0.0)
 
@@ -159,7 +158,7 @@ class SceneSweep:
         self._are_alone = any(
             x.choice is None and x.integer is None for x in self._laws.values()
         )
-        self._groups = [range(self.draws)]
+        self._groups: list[Sequence[int]] = [range(self.draws)]
         if self._laws and not self._are_alone:
             self._groups = self._draws_by_light()
         self.groups = self.draws if self._are_alone else len(self._groups)
@@ -250,7 +249,7 @@ def changes_light(name: str, also: Iterable[str] = ()) -> bool:
     return name in OF_LIGHT or name.startswith((*OF_LIGHT_PREFIXES, *also))
 
 
-def of_kind(kind: str, values: Values) -> Facts:
+def of_kind(kind: str, values: Config) -> Facts:
     """Values of ``kind.NAME`` by NAME."""
     return {
         name.partition(".")[2]: x for name, x in values.items() if name.startswith(f"{kind}.")
