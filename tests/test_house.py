@@ -454,7 +454,7 @@ TOKENS_MAX = {
     "camera": 24754,
     "cli": 25440,
     "core": 24196,
-    "dataset": 43047,
+    "dataset": 43070,
     "examples": 11859,
     "files": 18939,
     "gradient": 4248,

@@ -13,16 +13,14 @@ import pydantic
 from pydantic import Field, PlainValidator, model_validator
 
 from ..camera.datasheet_errors import sentence
-from ..core import InputError, nearest
-from ..core.options import complete, declared
+from ..core import InputError
 from ..core.small_files import toml_tables
 from ..files import texts
 from ..files.appearing import refuse_empty
 from ..render.motion.motion import KeyPose, Number, Vector, read_motion
-from ..render.options import RenderOptions
 from ..stages.datasheet import FileTable, optional
 from .keys import Config, Facts
-from .values import SAME, check_field, check_value, plain_value, value_or_list
+from .values import SAME, check_field, check_render, check_value, plain_value, value_or_list
 
 LARGEST_BYTES = 2**22  # of a dataset file
 MOST_SAMPLES = 10**9
@@ -40,28 +38,6 @@ Output = Literal[
     "irradiance",
 ]
 OUTPUTS: tuple[str, ...] = get_args(Output)
-OF_SCENE = (
-    "parameters",
-    "traverse",
-    "sensor",
-    "motion",
-    "scene_unit",
-    "integrator",
-    "ignore_polarization",
-    "look_at",
-)
-NOT_RENDER = dict.fromkeys(OF_SCENE, "belongs to the tables of [[scenes]]") | {
-    "sensor": "is sensors in the tables of [[scenes]]",
-    "look_at": "is views or path in the tables of [[scenes]]",
-    "max_seconds": "would make other samples on another machine; max_spp limits the samples",
-    "repeatable": "is always true of a dataset",
-    "raw_light": "is for light that is kept; the outputs of the dataset say what is kept",
-    "variant": "is chosen by the run",
-    "luminance": "would scale each view by its own median; set the emitters of the scene, by the light_scale that "
-    "`render --luminance` writes into frame.json",
-    "gain": "is varied: gain in [grid], [[list]] or [random]",
-}
-"""What a [render] table does not have, and why."""
 Seed = Annotated[int, Field(ge=0, lt=2**63, strict=True)]
 Share = Annotated[float, Field(gt=0, le=1, strict=True)]
 
@@ -369,29 +345,9 @@ class DatasetFile(FileTable):
             raise ValueError(
                 "splits.chips is given and serial is varied too; leave one of them out"
             )
-        self._check_render()
-        return self
-
-    def _check_render(self) -> None:
-        known = [one.name for one in declared(RenderOptions) if one.name not in NOT_RENDER]
-        for name in self.render:
-            if name not in known:
-                why = NOT_RENDER.get(
-                    name, f"is no field of it.{nearest(name, known)}".rstrip(".?")
-                )
-                raise ValueError(
-                    f"[render] has {name!r}, which {why}; the fields of [render] are {', '.join(known)}"
-                )
         timed = [scene.name for scene in self.scenes if scene.has_times]
-        if "start_s" in self.render and timed:
-            raise ValueError(
-                f"[render] has start_s, and the views of scene {timed[0]} have times of their own; leave start_s out, "
-                "and add it to these"
-            )
-        try:
-            complete(RenderOptions, self.render)
-        except InputError as error:
-            raise ValueError(f"render: {str(error).removesuffix('.')}") from None
+        check_render(self.render, timed)
+        return self
 
     @property
     def varied(self) -> tuple[str, ...]:

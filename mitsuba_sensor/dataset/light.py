@@ -27,10 +27,10 @@ from ..render.scene.parse_scene import parse_sensors, pose_in_file_m, refuse_one
 from ..render.scene.parsed_scene import ParsedScene
 from ..render.variants import fastest_variant, restores_variant
 from .cameras import Folders, VariedCamera
-from .file import OF_SCENE, DatasetFile, SceneEntry
+from .file import DatasetFile, SceneEntry
 from .keys import Config, Facts, Fixed, seed_of
 from .sweep import SENSOR, Combination, of_kind
-from .values import text_of
+from .values import OF_SCENE, text_of
 
 FORMAT = 4  # of configurations; another one is other keys, and with them other seeds
 SAMPLES = ("spp", "noise_ratio", "max_spp")  # options that say how many samples a render takes

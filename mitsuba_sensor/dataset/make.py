@@ -37,11 +37,10 @@ from ..sensor.kept_maps import RECENT_BYTES, KeptMaps
 from ..sensor.metering import Metering, electrons_of
 from ..sensor.options import ExposeOptions
 from .cameras import CAMERAS_KEPT
-from .file import OF_SCENE
 from .keys import Config, Facts, canonical, key_of, made_by, seed_of
 from .plan import PlannedSample, Task
 from .store import Record, Shard, Store
-from .values import PICTURE, stops_taken
+from .values import OF_SCENE, PICTURE, stops_taken
 
 QUANTILES = (0.0, 0.01, 0.5, 0.99, 1.0)
 Files: TypeAlias = dict[str, bytes | Facts]

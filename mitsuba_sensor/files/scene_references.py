@@ -114,8 +114,8 @@ def camera_references(path: str | os.PathLike[str]) -> list[Path]:
 class _Search:
     """The elements of a scene and its includes, one after the other, with the parameters known so far.
 
-    found : the files.  used : parameters that stand in values.  folders : where Mitsuba looks for them.  read : how many
-    XML files, each as often as included.
+    found : the files.  used : parameters that stand in values.  folders : where Mitsuba looks for them.
+    read : how many XML files, each as often as included.
     """
 
     def __init__(
