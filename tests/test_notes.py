@@ -224,23 +224,6 @@ def test_noise_of_a_render_for_every_frame_is_no_grain_of_the_picture(
     assert not any("is the render's" in note for note in own.notes)
 
 
-def test_notes_take_little_of_the_time_of_a_frame_and_none_of_its_theory(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Neither a report nor a plan nor another frame is computed for a warning."""
-    from mitsuba_sensor.output import frames
-    from mitsuba_sensor.theory import plan
-
-    def forbidden(*_: Any) -> Any:
-        raise AssertionError
-
-    monkeypatch.setattr(frames, "report", forbidden)
-    monkeypatch.setattr(frames, "Expectation", forbidden)
-    monkeypatch.setattr(plan, "plan_of", forbidden)
-    made = ms.expose(1e6 * FIVE, TABLE1, EXPOSURE, **BANDS)
-    assert len(made.notes) == 1
-
-
 def test_an_exposure_of_no_time_to_light_is_called_a_bias_frame(of_bayer: Any) -> None:
     said = "the exposure time is 0 s, so that no light is collected: this is a bias frame"
     assert said in ms.expose(of_bayer, BAYER, ms.Exposure(0.0)).notes
@@ -266,10 +249,12 @@ def test_photons_without_a_wavelength_say_which_qe_a_colour_camera_takes() -> No
         assert not any("without a wavelength" in note for note in one.notes)
 
 
-def test_a_capture_says_how_many_notes_it_has() -> None:
-    captured = ms.capture(
-        "flat_field", "konnik_table1", ms.Exposure(0.01), width=8, spp=2, denoise=False
-    )
-    assert captured.notes == tuple(captured.metadata["notes"]) and captured.notes
-    assert f"{len(captured.notes)} note" in repr(captured) and ".notes>" in repr(captured)
-    assert len(repr(captured)) <= 160
+def test_an_unusual_temperature_is_told_before_the_first_ray(scene_file: Path) -> None:
+    """As an error it stops the render: no pass is done."""
+    passes = list[object]()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ms.SensorWarning)
+        with pytest.raises(ms.SensorWarning, match="if 25 is in °C"):
+            cold = ms.Exposure(0.02, 25)
+            ms.capture(scene_file, TABLE1, cold, **SMALL | {"progress": passes.append})
+    assert not passes
