@@ -1,30 +1,26 @@
 """Derivatives of frames: values unchanged; means against frames with equal random bits.
 
 Where the noise does not hide the steps of the converter, and next to the clips, both are compared with the mean and the
-variance that an enumeration of the counts gives (benchmarks/expected_codes.py): both are right at any noise.
+variance that an enumeration of the counts gives (helpers/expected_codes.py): both are right at any noise.
 
 Seeds are fixed. A comparison fails by chance beyond 5 standard errors, 6e-7 of the time; there are about 500.
 """
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers import BENCHMARKS
+from helpers.expected_codes import bare_camera, mean_and_variance, slopes
 from helpers.marks import exhaustive, one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import differentiable
 from mitsuba_sensor.core.drjit_backend import DrJitBackend
 from mitsuba_sensor.core.llvm import backend_problem
-
-sys.path.insert(0, str(BENCHMARKS))
-from expected_codes import bare_camera, mean_and_variance, slopes
 
 problem = backend_problem("llvm")
 pytestmark = pytest.mark.skipif(problem is not None, reason=f"derivatives need LLVM: {problem}")
