@@ -17,8 +17,6 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.output import exr
 
-BAYER = ms.load_camera("bayer_2mp")
-SCENE = str(SCENES / "color_checker.xml")
 CROPPED = (
     (SCENES / "color_checker.xml")
     .read_text("utf-8")

@@ -202,21 +202,6 @@ def test_auto_compiles_for_much_work_and_not_for_little(
     assert run.choose_backend("auto", "float32", 10**8) is NUMPY_FLOAT32
 
 
-@pytest.mark.parametrize(
-    ("how", "sentence"),
-    [
-        ({"engine": "nunpy"}, "Did you mean"),
-        ({"engine": "drjit", "precision": "float64"}, "take numpy"),
-        ({"precision": "double"}, "float32, float64"),
-    ],
-)
-def test_an_engine_that_is_not_there_is_one_sentence(
-    how: dict[str, Any], sentence: str
-) -> None:
-    with pytest.raises(ms.InputError, match=sentence):
-        ms.expose([[1.0]], TABLE1, EXPOSURE, **how)
-
-
 def test_without_llvm_the_compiled_engine_says_what_to_do(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -117,12 +117,3 @@ def test_a_stage_of_ones_own_may_change_between_two_calls() -> None:
     stage.offset_v = 0.01
     after = ms.expose(light(1), camera, EXPOSURE, engine="numpy").digital.mean()
     assert after > before + 1
-
-
-def test_given_maps_are_those_of_their_call() -> None:
-    photons = np.full((12, 16), 1000.0)
-    for factor in (1.0, 1.5, 1.0):
-        maps = {"prnu": np.full((12, 16), factor)}
-        frames = ms.expose(photons, TABLE_1, EXPOSURE, engine="numpy", maps=maps)
-        (streamed,) = ms.stream(photons, TABLE_1, EXPOSURE, engine="numpy", maps=maps)
-        assert np.array_equal(frames.digital[0], streamed)

@@ -23,7 +23,6 @@ from mitsuba_sensor.optics.ray_trace import (
     F_NM,
     Glass,
     Ray,
-    glass_behind,
     lens_surfaces,
 )
 from mitsuba_sensor.optics.traced_lens import cardinal_points
@@ -159,23 +158,6 @@ def test_a_glass_has_the_numbers_of_its_data_sheet(
         assert (d, (d - 1) / (blue - red)) == pytest.approx((glass.index, glass.abbe))
 
 
-@pytest.mark.parametrize(
-    ("line", "index", "left_out"),
-    [
-        ("F2 2 1 1.5 40.0", 1.62004, ""),  # picked up from another surface
-        ("___BLANK 2 1 1.7 30.0", 1.7, ""),
-        ("XYZ 0 0 1.7 30.0", 1.7, "the unknown name XYZ beside its numbers (surface 4)"),
-    ],
-)
-def test_the_name_of_a_glass_wins_over_numbers_beside_it(
-    tmp_path: Path, line: str, index: float, left_out: str
-) -> None:
-    text = ZMX.replace("F2 0 0 1.5 40.0", line)
-    prescription = lens(written(tmp_path, "a.zmx", text)).prescription
-    assert prescription is not None and prescription.left_out == left_out
-    assert glass_behind(prescription.surfaces[2]).index() == pytest.approx(index, abs=2e-5)
-
-
 def test_without_the_catalogue_a_sentence_names_the_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -206,22 +188,6 @@ def test_a_circular_aperture_is_read(
     assert prescription is not None
     section = prescription.surfaces[surface]
     assert (section.semi_diameter_mm, section.obscuration_mm) == (semi_diameter, obscuration)
-
-
-def test_commands_that_are_not_read_are_listed_in_one_note(tmp_path: Path) -> None:
-    """But for those that change nothing, and those below the image."""
-    text = ZMX.replace("DIAM 9.5", "DIAM 9.5\n  COAT AR\n  HIDE 0 1\n  POPS 0") + "  XYZW 1\n"
-    camera = ms.load_camera("konnik_table1").replace(
-        **{"lens.prescription": str(written(tmp_path, "a.zmx", text))}
-    )
-    (note,) = (note for note in camera.notes if note.startswith("lens.prescription"))
-    assert "left COAT (surface 2, 3) out of the Zemax design a;" in note
-    many = "".join(f"\n  X{number} 1" for number in range(300))
-    prescription = lens(
-        written(tmp_path, "a.zmx", ZMX.replace("DIAM 9.5", f"DIAM 9.5{many}"))
-    ).prescription
-    assert prescription is not None
-    assert prescription.left_out.endswith("X9 (surface 2, 3); 290 more commands")
 
 
 WRONG = {  # a piece of the design → what stands there instead, and what is said

@@ -148,21 +148,6 @@ def test_every_stage_of_a_camera_passes_and_one_that_is_not_in_the_chain_needs_i
             ms.check_stage(stage, camera=TABLE1)
 
 
-@pytest.mark.parametrize(
-    "stated", [{"mean": "x"}, {"spatial": lambda x: "x"}, {"temporal": []}]
-)
-def test_what_is_stated_is_a_number(stated: Any) -> None:
-    with pytest.raises(ms.InputError, match="that is stated is"):
-        check(Hum(), **stated)
-
-
-def test_a_small_sensor_has_small_windows() -> None:
-    small = TABLE1.replace(**{"sensor.rows": 1, "sensor.columns": 40})
-    stage = replace(Hum(), draw="row_normal")
-    found = ms.check_stage(stage, camera=small, after="reset_noise").figures
-    assert all(np.isfinite(one.measured) for one in found)
-
-
 @pytest.mark.parametrize("period", [7.3, 8, 100])
 def test_an_effect_that_repeats_after_some_frames_has_the_sigma_of_its_sine(
     period: float,
