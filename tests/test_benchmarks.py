@@ -174,3 +174,22 @@ def test_every_figure_of_a_data_sheet_comes_back_from_our_frames() -> None:
         assert figures["LE"] < 0.05
 
 
+
+
+@pytest.mark.exhaustive
+def test_each_mutation_fails_a_quick_test() -> None:
+    found = run("mutations.py")
+    assert found["mutations"] >= 40 and not found["missed"], found
+
+
+@pytest.mark.exhaustive
+def test_a_dataset_survives_kills() -> None:
+    found = run("dataset_runs.py", "--samples", "4", "--width", "16", "--kills", "4")
+    assert found["same_bytes"] and not found["torn_shards"]
+    assert_positive({name: found[name] for name in ("bytes_per_sample", "seconds_per_sample")})
+
+
+@pytest.mark.exhaustive
+def test_theory_and_frames_of_a_shipped_camera_agree() -> None:
+    arguments = "--serials 8 --frames 2 --cases konnik"
+    assert all(row["ok"] for row in run("theory.py", *arguments.split())["rows"])

@@ -223,25 +223,3 @@ def test_cuda_has_the_same_random_bits_and_at_most_1_dn() -> None:
         for engine in ("numpy", "cuda")
     )
     assert np.abs(one - other).max() <= 1
-
-
-def test_float64_differs_little_from_float32_with_the_same_random_bits() -> None:
-    """12 bits: fewer than 1 % of the pixels move, and by 1 DN."""
-    camera, light = TABLE1.replace(**NONLINEAR), dark_to_saturation(TABLE1)
-    single, double = (
-        ms.expose(light, camera, EXPOSURE, engine="numpy", precision=precision).digital.astype(
-            int
-        )
-        for precision in ("float32", "float64")
-    )
-    moved = np.abs(single - double)
-    assert moved.max() == 1 and 0 < np.mean(moved > 0) < 0.01
-
-
-def test_auto_leaves_float32_where_it_does_not_count() -> None:
-    """Codes of 24 bits, or a full well beyond 2^24 e-."""
-    backends = [
-        ms.expose([[1.0]], TABLE1.replace(**change), EXPOSURE).first.window.backend
-        for change in ({}, {"adc.bits": 24}, {"pixel.full_well_e": 2e7})
-    ]
-    assert backends == [NUMPY_FLOAT32, NUMPY_FLOAT64, NUMPY_FLOAT64]

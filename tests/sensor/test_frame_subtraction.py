@@ -115,20 +115,6 @@ def test_one_reference_serves_a_stack_and_a_stack_is_taken_in_pairs() -> None:
         np.testing.assert_array_equal(by_one[index], frame - one.digital[0])
 
 
-def test_a_zero_exposure_of_the_same_seed_takes_no_noise_away() -> None:
-    """The default seed for both, as in the paper: the variances add. 5 standard errors of σ of 40 000 pixels: 1.8 %.
-
-    With one stream for all exposures the read noise cancelled, and 13 e- were left of 103.
-    """
-    light = ms.expose(
-        np.full((200, 200), 500.0), TABLE1.replace(**{"pixel.prnu": 0.0}), ms.Exposure(1e-4)
-    )
-    reference = ms.expose(DARKNESS, TABLE1.replace(**{"pixel.prnu": 0.0}), ZERO)
-    sigma = math.sqrt(light.temporal_variance.mean() + reference.temporal_variance.mean())
-    assert reference.temporal_variance.mean() > 0.1 * sigma**2
-    assert light.minus(reference).std() == pytest.approx(sigma, rel=0.018)
-
-
 def test_frames_of_equal_temporal_noise_are_refused_and_the_way_out_works() -> None:
     """The same numbers of one seed and exposure, also of a stack, or in other light; what else differs is enough."""
     light, dark = np.full((4, 5), 500.0), np.zeros((4, 5))

@@ -7,15 +7,12 @@ standard errors (6e-7 false alarms a figure), the seeds are fixed.
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.figures import saturation_e
 from mitsuba_sensor.core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
 from mitsuba_sensor.stages.gains import gain_dn_per_e, sense_gain_v_per_e
 
@@ -140,56 +137,3 @@ def test_every_way_to_ask_for_a_setting_is_the_same_frame(engine: str) -> None:
     assert all(np.array_equal(one, iso[0]) for one in iso) and not np.array_equal(
         iso[0], expected
     )
-
-
-def test_read_noise_has_the_shape_of_its_setting() -> None:
-    """Share of pixels beyond 4 σ, of SciPy's Tukey-lambda law; 2 million pixels, 5 standard errors of the count."""
-    shapes = {"100": 0.14, "400": -0.2}
-    rungs = [
-        {"iso": int(iso), "gain_dn_per_e": 20.0, "read_noise_e": 2.0, "read_noise_shape": x}
-        for iso, x in shapes.items()
-    ]
-    tails = {
-        "source_follower.read_noise_distribution": "tukey_lambda",
-        "source_follower.read_noise_shape": 0.0,
-    }
-    camera = EVEN.replace(
-        **{**tails, "adc.black_level_dn": 1000.0, "adc.bits": 14}, gains=rungs
-    )
-    for setting, shape in shapes.items():
-        at = camera.at_gain(setting)
-        assert (at.source_follower.read_noise_shape, at.notes) == (shape, ())
-        dark = ms.expose(np.zeros((1000, 2000)), at, DARK, engine="numpy").digital - 1000.0
-        assert dark.std() == pytest.approx(40, rel=0.01)
-        expected = (
-            2
-            * stats.tukeylambda.sf(160.5 / 40 * stats.tukeylambda.std(shape), shape)
-            * dark.size
-        )
-        assert (np.abs(dark) > 160).sum() == pytest.approx(
-            expected, abs=5 * math.sqrt(expected)
-        )
-
-
-def test_light_is_metered_for_the_setting_and_remembers_it(
-    light: Any, scene_file: Path, tmp_path: Path
-) -> None:
-    """Half the saturation, half the time; the irradiance of a render is exposed again as it was."""
-    times = {
-        one: ms.expose(light, CAMERA, "auto", gain=one).first.exposure.time_s
-        for one in SETTINGS
-    }
-    ends = {one: saturation_e(CAMERA.at_gain(one)) for one in SETTINGS}
-    assert ends[100] == pytest.approx(15_000) and ends[400] == pytest.approx(4095 - 66)
-    for one in SETTINGS:
-        assert times[one] / times[100] == pytest.approx(ends[one] / ends[100], rel=0.01)
-    options: Any = {"spp": 4, "wavelength_nm": 550.0, "variant": "scalar_spectral"}
-    taken = ms.capture(scene_file, CAMERA, ms.Exposure(0.01), gain="hcg 400", **options)
-    assert taken.metadata["camera"]["gain"] == "hcg 400" == taken.frames.camera.gain
-    taken.save(tmp_path / "out")
-    file = str(tmp_path / "out" / "irradiance.exr")
-    np.testing.assert_array_equal(ms.capture(file).frames.digital, taken.frames.digital)
-    again = ms.capture(file, gain=100)
-    assert again.frames.camera == CAMERA.at_gain("hcg 400").at_gain(100)
-    rendered = ms.render(scene_file, CAMERA, ms.Exposure(0.01), gain=100, **options)
-    assert rendered.rendered_for.camera == CAMERA.at_gain(100)

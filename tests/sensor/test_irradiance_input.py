@@ -114,6 +114,3 @@ def test_infinite_light_saturates_and_no_time_collects_none_of_it() -> None:
         == 4095
     )
     np.testing.assert_array_equal(ms.collect(light, TABLE1, ms.Exposure(0.0)).mean, 0.0)
-
-
-CUBE, TWO_NM = np.ones((2, 2, 2)), {"wavelengths_nm": [500, 600]}

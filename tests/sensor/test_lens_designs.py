@@ -118,18 +118,6 @@ def test_a_design_has_the_focal_length_pupils_and_rays_that_optiland_finds(
         assert found.unvignetted.all()
 
 
-def test_a_design_in_another_unit_is_the_same_lens(tmp_path: Path) -> None:
-    """Inches: 25.4 times the focal length, and an aspheric term of the same shape."""
-    inches = written(tmp_path, "inch.zmx", ZMX.replace("UNIT MM", "UNIT IN"))
-    millimetres = written(tmp_path, "mm.zmx", ZMX)
-    large, small = (lens(path) for path in (inches, millimetres))
-    focal = [cardinal_points(section).focal_length for section in (large, small)]
-    assert focal[0] == pytest.approx(25.4 * focal[1], rel=1e-12)
-    assert large.prescription is not None and small.prescription is not None
-    terms = [p.surfaces[4].aspheric for p in (large.prescription, small.prescription)]
-    assert terms[0][0] == pytest.approx(terms[1][0] / 25.4**3, rel=1e-12)
-
-
 @pytest.mark.parametrize(
     ("name", "index", "abbe"),
     [

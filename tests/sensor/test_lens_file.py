@@ -146,6 +146,3 @@ def test_a_wrong_lens_file_is_one_sentence(name: str, tmp_path: Path) -> None:
         and message.startswith("konnik_table1: lens.prescription")
         and "\n" not in message
     )
-
-
-BROWN, GAUSS = {"distortion": [0.1, 0, 0, 0, 0]}, {"prescription": "double_gauss"}

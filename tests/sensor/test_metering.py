@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -163,32 +161,3 @@ def test_where_the_exposure_decides_what_is_rendered_a_short_render_is_metered_f
     still = ms.capture(path, CAMERA, "auto", **SMALL).metadata["exposure"]["time_s"]
     found = ms.capture(path, CAMERA, "auto", **{**SMALL, **more})
     assert found.metadata["exposure"]["time_s"] == pytest.approx(still, rel=0.05)
-
-
-def test_the_percentile_and_share_asked_for_are_those_of_the_picture(
-    tmp_path: Path, cli: Callable[..., Any]
-) -> None:
-    """Of command line, scene file and Python alike; --meter overrules a time in the scene file."""
-    timed = scene_text('<default name="exposure_s" value="0.02"/>', SKY)
-    film = photosensor('<string name="meter" value="20:0.3"/>')
-    options = ("--spp", 16, "--wavelength-nm", 550, "--variant", "scalar_spectral", "--json")
-    found = []
-    for text, more in ((film, ()), (timed, ("--meter", "20:0.3"))):
-        path = write_scene(tmp_path, text)
-        done = cli("render", path, "-o", tmp_path / "out", *options, *more)
-        found.append(json.loads(done.stdout)["origin"]["metering"])
-    light = ms.render(path, CAMERA, ms.Metering(percentile=20, share=0.3), **SMALL)
-    assert found[0] == found[1] == light.statistics.metering
-    time_s = found[0]["exposure_s"]
-    level = electrons(light, CAMERA, ms.Exposure(time_s))
-    assert np.percentile(level, 20) == pytest.approx(0.3 * saturation_e(CAMERA), rel=0.01)
-    again = cli(
-        "expose",
-        tmp_path / "out" / "irradiance.exr",
-        "-o",
-        tmp_path / "b",
-        "--meter",
-        "20:0.15",
-        "--json",
-    )
-    assert json.loads(again.stdout)["exposure"]["time_s"] == pytest.approx(time_s / 2, rel=0.01)

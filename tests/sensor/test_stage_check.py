@@ -95,19 +95,6 @@ def check(stage: ms.Stage, after: str = "reset_noise", **stated: Any) -> Any:
     return ms.check_stage(stage, camera=TABLE1, after=after, **stated)
 
 
-def test_what_is_measured_is_told_with_its_standard_errors() -> None:
-    """Each number within 4.5 of its own errors; the table has two signals and three numbers."""
-    found = check(Hum(), temporal=1e-3, mean=lambda x: x)
-    truth = {"temporal σ": 1e-3, "spatial σ": 0.0}
-    for one in found.figures:
-        if one.quantity in truth:
-            assert abs(one.measured - truth[one.quantity]) <= 4.5 * one.error
-    lines = found.explain().splitlines()
-    assert lines[0].startswith("Hum") and len(lines) == 2 + 2 * 3 and "stated" in lines[1]
-    glow = check(AmpGlow(), "dark_current", temporal=0.0).figures
-    assert {one.error for one in glow if one.quantity == "temporal σ"} == {0.0}
-
-
 @pytest.mark.parametrize(
     "draw", [exhaustive("normal"), "row_normal", exhaustive("column_normal")]
 )

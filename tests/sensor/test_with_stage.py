@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -174,31 +173,3 @@ def test_a_stage_stands_in_place_of_one_of_the_camera() -> None:
     assert added_dn2 == pytest.approx(half_dn2, rel=0.02)
     expected = ms.expose(light, averaged, DARK).theory.averages(averaged.stages[-1])
     assert expected.temporal == pytest.approx(frames.var(axis=0, ddof=1).mean(), rel=0.03)
-
-
-HIDES: dict[str, tuple[str, dict[str, Any]]] = {
-    "reach": ("Bad.reach_px is a field", {"__annotations__": {"reach_px": int}, "reach_px": 0}),
-    "method as field": (
-        "call the field bad_fpn_maps",
-        {"__annotations__": {"fpn_maps": "tuple[int, int]"}},
-    ),
-    "label": ("Bad.label is a field", {"__annotations__": {"label": str}}),
-    "class variable": ("Bad.domain is a field", {"__annotations__": {"domain": "str"}}),
-    "value": ("call the value bad_marked", {"marked": ("A note.",)}),
-    "method": (
-        "Bad.saturation_e is a method; write @property",
-        {"saturation_e": lambda self: 1},
-    ),
-}
-
-
-@pytest.mark.parametrize("what", HIDES)
-def test_a_field_that_hides_a_member_is_refused_when_the_class_is_made(what: str) -> None:
-    """In the class and in a mixin; to override a member by a class variable or a property is allowed."""
-    sentence, body = HIDES[what]
-    for bases in ((ms.Stage,), (type("Mixin", (), body), ms.Stage)):
-        with pytest.raises(InputError, match=re.escape(sentence)):
-            type("Bad", bases, body if len(bases) == 1 else {})
-    allowed = {"__annotations__": {"reach_px": ClassVar[int]}, "reach_px": 1, "label": "fine"}
-    stage = type("Good", (ms.Stage,), {**allowed, "saturation_e": property(lambda self: 1)})
-    assert (stage.reach_px, stage.label, stage.key()) == (1, "fine", "good")

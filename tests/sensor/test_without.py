@@ -124,21 +124,3 @@ def test_without_any_noise_the_code_is_the_rounded_mean_and_so_is_the_theory() -
         last["mean_expected"] == pytest.approx(expected.mean(), abs=1e-9)
         and last["sigma_expected"] < 1e-6
     )
-
-
-def test_names_are_keys_in_any_order_and_as_tables_print_them() -> None:
-    one = EVERY.without("prnu", "shot_noise", "prnu")
-    assert (
-        one
-        == EVERY.without("shot noise").without("PRNU")
-        == EVERY.replace(**{"sensor.without": ["shot_noise", "prnu"]})
-    )
-    assert one.sensor.without == ("prnu", "shot_noise")
-    assert one.replace(**{"sensor.without": None}).stages == EVERY.stages
-    assert EVERY.without() == EVERY
-    labels = [effect.label for effect in ORDER if not effect.no_noise]
-    keys = [effect.key() for effect in ORDER if not effect.no_noise]
-    assert [label.lower().replace(" ", "_") for label in labels] == keys, (
-        "the label of an effect is its class name written apart: AmpGlow, 'amp glow'"
-    )
-    assert EVERY.without(*labels).sensor.without == SOURCES

@@ -61,8 +61,8 @@ def test_the_excess_noise_is_that_of_a_branching_process(gain: float, elements: 
 
 @pytest.mark.parametrize("electrons", one_in(3, [1, 2, 3]))
 def test_the_law_of_few_electrons_is_near_that_of_the_register(electrons: int) -> None:
-    """Kolmogorov distance below 0.02 of 20 000 electrons that are multiplied element by element; chance alone makes more
-    than 0.0163 once in 100."""
+    """Kolmogorov distance below 0.02 of 20 000 electrons that are multiplied element by element; chance alone makes
+    more than 0.0163 once in 100."""
     random, chance = np.random.default_rng(6), GAIN ** (1 / ELEMENTS) - 1
     register = np.full(20_000, electrons)
     for _ in range(ELEMENTS):
