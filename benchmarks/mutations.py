@@ -59,7 +59,7 @@ MUTATIONS = (
     Mutation("stages", "1 - (1 - self.duty) * anew", "1 - self.duty * anew", f"{EFFECTS}/test_rts_pixels.py"),
     Mutation("stages", "integral[2:] - 2 * integral[1:-1] + integral[:-2]", "integral[2:] - integral[1:-1]", f"{EFFECTS}/test_diffusion.py"),
     Mutation("stages", "frame.number(1 - begin) * mean_e", "frame.number(begin) * mean_e", f"{EFFECTS}/test_partial_resets.py"),
-    Mutation("stages", "mean_square *= 1 + self.cv**2", "mean_square *= 1 + self.cv", f"{EFFECTS}/test_source_follower.py"),
+    Mutation("stages", "mean_square *= 1 + self.cv**2", "mean_square *= 1 + self.cv", f"{LAW} read"),
     Mutation("stages", "(code - frame.number(self.black_dn))\n", "(code + frame.number(self.black_dn))\n", f"{SENSOR}/test_readouts.py hands_over"),
     # optics
     Mutation("optics", "2 * p1 * x * y + p2 * (square + 2 * x * x)", "2 * p2 * x * y + p1 * (square + 2 * x * x)", f"{OPTICS}/test_f_number_law.py"),

@@ -93,8 +93,6 @@ def test_every_case_has_a_speed_and_a_ratio_and_parts_are_timed_against_the_whol
         assert_speeds(speed["short"][engine], "full_chain", "shot_read_quantise")
 
 
-
-
 @pytest.mark.exhaustive
 def test_first_and_changed_frames_are_timed_in_new_processes() -> None:
     arguments = "--electrons 1000 --engines drjit --parts first changed"
@@ -112,8 +110,6 @@ def test_first_and_changed_frames_are_timed_in_new_processes() -> None:
         assert row["compiled_kernels"] == 0, (
             f"another {name} compiled {row['compiled_kernels']} kernels"
         )
-
-
 
 
 @pytest.mark.exhaustive
@@ -172,8 +168,6 @@ def test_every_figure_of_a_data_sheet_comes_back_from_our_frames() -> None:
         assert figures["dark current"] == pytest.approx(true["dark current"], rel=0.1)
         assert 0.9 < figures["saturation"] / true["saturation"] < 1
         assert figures["LE"] < 0.05
-
-
 
 
 @pytest.mark.exhaustive

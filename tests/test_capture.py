@@ -148,34 +148,6 @@ def test_what_cannot_be_made_is_refused_before_the_first_ray(
         ms.capture(scene_file, CAMERA, EXPOSURE, **{**RENDER, **options})
 
 
-@pytest.mark.parametrize(
-    "option", [{"spp": 4}, {"render_noise": "per-frame"}, {"aovs": True}, {"scene_unit": [1]}]
-)
-def test_options_of_a_render_are_refused_for_light_that_is_rendered_already(
-    light: Any, option: dict[str, Any]
-) -> None:
-    with pytest.raises(ms.InputError, match="rendered already"):
-        ms.capture(light, CAMERA, EXPOSURE, **option)
-
-
-@pytest.mark.parametrize(
-    ("shape", "origin", "said"),
-    [
-        ((2, 1901), (0, 0), ["sensor.columns=1901"]),
-        ((2, 8), (1299, 0), ["sensor.rows=1301"]),
-        ((2, 8), (1298, 1892), []),
-    ],
-)
-def test_an_array_that_extends_beyond_the_sensor_is_noted(
-    shape: tuple[int, int], origin: tuple[int, int], said: list[str]
-) -> None:
-    """Any list of pixels is allowed as an array; only the last of the three is on the sensor of 1900 × 1300."""
-    frames = ms.expose(np.full(shape, 1e4), CAMERA, EXPOSURE, origin=origin)
-    notes = [note for note in frames.notes if "1900 × 1300" in note]
-    assert len(notes) == len(said)
-    assert all(text in note for text, note in zip(said, notes, strict=True))
-
-
 def test_a_scene_without_a_camera_has_the_default_one_and_says_so(tmp_path: Path) -> None:
     """As the command `render`; the fields that the scene sets are those of the camera."""
     text = scene_text(SKY, film='<string name="adc.bits" value="10"/>')
@@ -190,18 +162,6 @@ def test_a_scene_without_a_camera_has_the_default_one_and_says_so(tmp_path: Path
     for notes in (taken.frames.notes, taken.light.notes):
         assert any(said in note for note in notes)
     assert not any(said in note for note in named.frames.notes)
-
-
-@pytest.mark.parametrize("render_noise", ["shared", "per-frame"])
-def test_signals_that_are_kept_belong_to_every_frame(
-    scene_file: Path, render_noise: Any
-) -> None:
-    """Without dark current too, where dark electrons are one 0 for all pixels."""
-    keep = ("photons", "photoelectrons", "dark_electrons", "electrons", "volts")
-    options: Any = {"frames": 2, "first_frame": 5, "render_noise": render_noise, **RENDER}
-    found = ms.capture(scene_file, CAMERA, ms.Exposure(0.05, 0.0), keep=keep, **options).frames
-    for name in keep:
-        assert getattr(found, name).shape == found.digital.shape
 
 
 # Peak memory per pixel: of a render, and of a frame and its files beside the light

@@ -35,8 +35,6 @@ def examples(docstring: str) -> Iterator[str]:
         yield textwrap.dedent(block)
 
 
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_a_public_name_has_an_example_that_runs(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

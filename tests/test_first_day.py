@@ -53,11 +53,6 @@ def test_the_name_of_a_camera_stands_for_it(name: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(by_file, by_object)
 
 
-def test_a_camera_by_name_is_the_same_object_each_time_so_that_its_maps_are_kept() -> None:
-    first, again = (ms.expose(PHOTONS, NAME, EXPOSURE) for _ in range(2))
-    assert first.camera is again.camera
-
-
 def facts_of(frames: ms.Frames) -> dict[str, Any]:
     """What is compared of frames that have no metadata."""
     return {"K_dn_per_e": frames.camera.system_gain_dn_per_e, "notes": frames.notes}
@@ -105,15 +100,6 @@ def test_a_named_camera_leaves_view_exposure_and_seeds_to_the_scene() -> None:
     assert found.light.data.shape[:2] == own.light.data.shape[:2]
 
 
-def test_what_differs_by_frame_has_the_frames_first_and_the_rest_is_a_picture() -> None:
-    frames = ms.expose(PHOTONS, NAME, EXPOSURE, frames=3, keep=("electrons", "volts"))
-    for values in (frames.digital, frames.electrons, frames.volts, frames.clean_of_each):
-        assert values is not None and values.shape == (3, 4, 6)
-    for picture in (frames.clean, frames.temporal_variance, frames.spatial_mean):
-        assert picture.shape == (4, 6)
-    np.testing.assert_array_equal(frames.clean_of_each[2], frames.clean)
-
-
 @pytest.mark.parametrize(("share", "stops"), [(0.9, 0), (0.3, 0), (0.1, 2), (0.01, 5)])
 def test_a_dark_frame_has_a_picture_beside_it_that_is_brighter_and_says_by_how_much(
     share: float, stops: int, tmp_path: Path
@@ -133,15 +119,6 @@ def test_a_dark_frame_has_a_picture_beside_it_that_is_brighter_and_says_by_how_m
         picture = np.asarray(Image.open(brightened))
         np.testing.assert_array_equal(picture[:40], frames.preview(gain=2.0**stops))
         assert picture.shape == (68, 90) and picture[40:].max() > 200 > picture[40:].mean()
-
-
-def test_frame_json_begins_with_what_is_looked_for_first() -> None:
-    captured = ms.capture(FLAT, NAME, EXPOSURE, **QUICK)
-    assert list(captured.metadata)[:2] == ["summary", "notes"]
-    summary = captured.metadata["summary"]
-    assert summary["overall_system_gain_dn_per_e"] == CAMERA.system_gain_dn_per_e
-    assert summary["exposure_s"] == 0.01 and summary["camera"] == NAME
-    assert summary["render_noise_over_sensor_noise"] >= 0
 
 
 def test_a_page_explains_every_key_of_frame_json() -> None:

@@ -273,6 +273,9 @@ def test_each_foreign_library_is_imported_in_one_place() -> None:
         for path in MODULES
         for imported in imports(path)
         if not name_of(path).startswith(IMPORTED_IN.get(imported.partition(".")[0], ""))
+        or (
+            path in EFFECTS and imported.startswith("scipy")
+        )  # written once for NumPy and Dr.Jit
     ]
     assert not wrong, wrong
 
@@ -477,7 +480,7 @@ TOKENS_MAX = {
     "sensor": 13925,
     "stages": 32706,
     "study": 16912,
-    "tests": 390343,
+    "tests": 388232,
     "theory": 13847,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
@@ -525,12 +528,6 @@ def test_no_folder_grows_and_the_numbers_follow_when_it_shrinks() -> None:
 def test_no_module_has_more_than_420_lines() -> None:
     lengths = {name_of(path): len(text_of(path).splitlines()) for path in MODULES}
     assert not {name: length for name, length in lengths.items() if length > LINES_OF_A_MODULE}
-
-
-
-
-
-
 
 
 def functions(path: Path) -> Iterator[ast.FunctionDef]:
@@ -597,13 +594,3 @@ def test_no_module_outside_an_effect_names_its_stage_but_the_order_of_the_chain(
                 if named[stage] != name_of(path)
             }
             assert not others, f"{name_of(path)} names {others}"
-
-
-def test_the_physics_of_an_effect_is_written_once_for_numpy_and_drjit() -> None:
-    wrong = [
-        f"{name_of(path)} imports {imported}"
-        for path in EFFECTS
-        for imported in imports(path)
-        if imported.startswith(("scipy", "mitsuba.", "drjit"))
-    ]
-    assert not wrong, wrong

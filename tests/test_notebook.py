@@ -13,12 +13,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import tifffile
 from helpers.scenes import SCENES
 from PIL import Image
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.render.light.irradiance import RenderedFor
 
 MONO, BAYER, RGBIR = (
     ms.load_camera(name) for name in ("konnik_table1", "bayer_2mp", "rgbir_2mp")
@@ -80,24 +78,6 @@ def test_frames_of_any_shape_show_their_first_one(
         assert picture.shape[0] / picture.shape[1] == pytest.approx(
             shape[0] / shape[1], rel=0.05
         )
-
-
-def test_a_picture_of_a_large_frame_has_the_colours_of_the_whole() -> None:
-    """A flat field from bins of 2 × 2 red, green, blue and infrared pixels each: the median colour of the preview."""
-    frames = ms.expose(
-        np.full((600, 400, 1), 1500.0), RGBIR, EXPOSURE, wavelengths_nm=[600.0], origin=(1, 3)
-    )
-    _, picture = shown(frames)
-    assert picture.shape[:2] < (600, 400)
-    whole = np.median(frames.preview().reshape(-1, 3), axis=0)
-    np.testing.assert_allclose(np.median(picture.reshape(-1, 3), axis=0), whole, atol=6)
-
-
-def test_saturated_frames_are_white_and_thousands_of_them_are_one_picture() -> None:
-    one = ms.expose(np.full((8, 8), 1e9), MONO, EXPOSURE)
-    page, picture = shown(replace(one, digital=np.broadcast_to(one.digital, (5000, 8, 8))))
-    assert "5000 × 8 × 8" in page.text and "100 %" in page.text
-    assert (picture == 255).all()
 
 
 def test_no_text_becomes_an_element() -> None:
@@ -219,16 +199,3 @@ def test_an_exposure_of_light_is_that_of_its_photons(taken: ms.Capture) -> None:
     )
     sensor = ms.Sensor(BAYER, serial=2)
     np.testing.assert_array_equal(sensor.expose(light, EXPOSURE).digital, other.digital)
-
-
-def test_light_that_remembers_nothing_needs_a_camera_and_is_metered(light: Any) -> None:
-    frames = ms.expose(light, MONO)
-    known = replace(light, rendered_for=RenderedFor(MONO, frames.first.exposure, 1))
-    np.testing.assert_array_equal(ms.expose(known).digital, frames.digital)
-    np.testing.assert_array_equal(ms.expose(known, exposure="auto").digital, frames.digital)
-
-
-def test_a_tiff_of_raw_frames_comes_back(tmp_path: Path) -> None:
-    frames = noisy(MONO, (5, 6), frames=2)
-    ms.write_tiff(str(tmp_path / "a.tiff"), frames.digital)
-    np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tiff"), frames.digital)

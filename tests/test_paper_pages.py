@@ -6,16 +6,13 @@ closed form, so other seeds would fail one of its 33 checks in 27 000 runs.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.study_pages import through_files
-from paper import RECORDS, camera, dark, measure_paper, pattern, transfer
+from paper import camera, dark, measure_paper, pattern, transfer
 from paper.camera import FULL, GAIN, RESPONSES, SMALL, Response
 from paper.check import c4
 from paper.published import DARK_SIGNALS, TABLE_2
@@ -34,12 +31,6 @@ def kit() -> Kit:
 @pytest.fixture(scope="module")
 def study(kit: Kit) -> Study:
     return measure_paper(kit, SMALL)
-
-
-def table(study: Study, title: str) -> Table:
-    return next(
-        part for part in study.parts if isinstance(part, Table) and part.title.startswith(title)
-    )
 
 
 def checks(study: Study) -> Iterator[tuple[Any, ...]]:
@@ -163,15 +154,6 @@ def test_a_measured_number_is_that_of_its_closed_form(
     )
 
 
-@pytest.mark.exhaustive
-def test_column_offsets_make_darkness_less_white_than_printed(study: Study) -> None:
-    rows = {(row[0], row[1]): row for row in table(study, "Table 2").rows}
-    for light in TABLE_2:
-        row = rows[light.name, light.time_s]
-        assert row[2:6] == (*light.hardware, *light.simulated)
-        assert 0.99 < row[6] < 1.02 and row[8] > (1.2 if not light.share else 0.99)
-
-
 # What is printed
 
 
@@ -182,12 +164,3 @@ def test_the_published_normal_and_log_normal_fits_do_not_belong_to_one_sample() 
 
 
 # The page
-
-
-@pytest.mark.exhaustive
-def test_nothing_is_measured_twice(kit: Kit, study: Study, tmp_path: Path) -> None:
-    """From measurements as files have them comes the same study."""
-    again = Kit(through_files(kit.known, RECORDS, tmp_path))
-    same = measure_paper(again, SMALL)
-    assert same.findings == study.findings and again.new == 0
-    assert json.dumps(same.to_dict()) == json.dumps(study.to_dict())
