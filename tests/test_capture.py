@@ -184,7 +184,7 @@ def begin():
     return kib("VmRSS")
 
 """
-FRAME = """
+FRAME_SCRIPT = """
 from mitsuba_sensor.output.exr import write_irradiance_exr
 from mitsuba_sensor.render.light.foreign_light import Bands, irradiance_of
 
@@ -204,7 +204,7 @@ before = begin()
 made_from(light)
 print(1024 * (kib("VmHWM") - before) / (960 * 600))
 """
-RENDER = """
+RENDER_SCRIPT = """
 from unittest.mock import MagicMock
 from mitsuba_sensor.render.denoise import network
 
@@ -241,7 +241,7 @@ def bytes_per_pixel(script: str, *arguments: str) -> float:
 @on_linux
 def test_frame_and_files_need_little_memory_beside_the_light(tmp_path: Path) -> None:
     """As a file of the light has 260 bytes per pixel, a copy of it would be seen."""
-    assert bytes_per_pixel(FRAME, str(tmp_path / "out")) < OF_FRAME
+    assert bytes_per_pixel(FRAME_SCRIPT, str(tmp_path / "out")) < OF_FRAME
 
 
 @pytest.mark.exhaustive
@@ -249,4 +249,4 @@ def test_frame_and_files_need_little_memory_beside_the_light(tmp_path: Path) -> 
 def test_a_denoised_render_needs_as_much_again_as_its_bands_and_errors() -> None:
     """Of one sample in each pass; the network is left out."""
     pytest.importorskip("pyoidn")
-    assert bytes_per_pixel(RENDER) < OF_RENDER
+    assert bytes_per_pixel(RENDER_SCRIPT) < OF_RENDER
