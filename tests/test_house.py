@@ -463,7 +463,7 @@ LINES_OF_A_MODULE, PARAMETERS = 420, 8
 TOKENS_MAX = {
     ".": 7984,
     "bench": 26063,
-    "benchmarks": 32160,
+    "benchmarks": 31408,
     "camera": 24754,
     "cli": 25506,
     "core": 24196,
@@ -480,7 +480,7 @@ TOKENS_MAX = {
     "sensor": 13925,
     "stages": 32706,
     "study": 16912,
-    "tests": 388232,
+    "tests": 385991,
     "theory": 13847,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
