@@ -55,7 +55,7 @@ IMPORTED_IN = {
     "PIL": ("files/png.py", "files/webp.py", "files/raw_files.py", "output/contact_sheet.py"),
     "rawpy": ("files/raw_files.py",),
     "astropy": ("files/raw_files.py",),
-    "matplotlib": ("pages/drawing.py",),
+    "matplotlib": ("pages/drawing.py", "core/plots.py"),
     "jinja2": ("core/html.py",),
     "colour": ("optics/spectra.py",),  # 2 s, 170 MB: not for renders and previews
     "colour_demosaicing": (),
@@ -450,27 +450,27 @@ def test_help_cameras_and_completion_import_only_what_they_show() -> None:
 LINES_OF_A_MODULE, FORMATTED_BY_HAND, ANY, PARAMETERS = 420, 10, 300, 8
 
 TOKENS_MAX = {
-    ".": 7984,
+    ".": 8068,
     "bench": 26063,
     "benchmarks": 41669,
     "camera": 24754,
-    "cli": 25506,
-    "core": 24196,
+    "cli": 25791,
+    "core": 24340,
     "dataset": 45321,
     "examples": 11859,
     "files": 18854,
     "gradient": 4248,
     "lab": 72741,
     "optics": 17471,
-    "output": 25268,
+    "output": 26888,
     "pages": 3609,
     "render": 82245,
     "reproduction": 12153,
     "sensor": 13920,
-    "stages": 32706,
+    "stages": 32746,
     "study": 16912,
-    "tests": 424848,
-    "theory": 13847,
+    "tests": 426634,
+    "theory": 14658,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
 TOKENS_SLACK = 0.03

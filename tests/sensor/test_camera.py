@@ -314,7 +314,7 @@ def test_each_pixel_of_a_mosaic_takes_the_curve_of_its_own_filter() -> None:
 
 
 def test_no_such_camera_is_said_with_what_there_is(tmp_path: Path) -> None:
-    with pytest.raises(ms.InputError, match=r"konnik_table1.*Did you mean 'konnik_table1'"):
+    with pytest.raises(ms.InputError, match=r"Did you mean 'konnik_table1'"):
         ms.load_camera("konik_table1")
     sonys = [name for name in ms.list_cameras() if name.startswith("sony")]
     with pytest.raises(ms.InputError, match=f"one of {', '.join(map(repr, sonys))}"):
