@@ -243,29 +243,6 @@ def test_a_distorted_pixel_gathers_the_light_of_what_it_sees(tmp_path: Path, kin
     assert abs(solid_angle[0, 0] / undistorted[0, 0] - 1) > 0.1
 
 
-@pytest.mark.parametrize(
-    ("fields", "says"),
-    [
-        ({"lens.distortion": [-0.9, 0, 0, 0, 0]}, "lens.distortion folds the image at"),
-        (
-            {"lens.distortion_percent": [0.0, -1.0], "lens.distortion_heights_mm": [0.0, 0.02]},
-            "lens.distortion_heights_mm ends too early: the sensor's corner has an ideal image height 2.* extend the",
-        ),
-    ],
-)
-def test_a_distortion_that_does_not_reach_the_corner_is_refused(
-    tmp_path: Path, fields: dict[str, Any], says: str
-) -> None:
-    with pytest.raises(ms.InputError, match=says) as caught:
-        loaded(
-            tmp_path,
-            CAMERA.replace(**fields),
-            "scalar_spectral",
-            sensor("perspective", axis_fov("x")),
-        )
-    assert "\n" not in str(caught.value)
-
-
 FINE = {"pixel.pitch_x_um": 750.0, "pixel.pitch_y_um": 750.0}
 PLACE = zip(("width", "height", "offset_x", "offset_y"), (30, 20, 10, 8), strict=True)
 CROP_48 = "".join(f'<integer name="crop_{name}" value="{value}"/>' for name, value in PLACE)
