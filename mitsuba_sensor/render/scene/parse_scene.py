@@ -19,7 +19,7 @@ import numpy as np
 
 from ...core import Float64Array, InputError, nearest
 from ...core.options import complete, part_of
-from ...files.scene_xml import require_scene_file, require_shallow
+from ...files.scene_xml import require_bounded, require_scene_file
 from ...files.shipped_scenes import SCENE, shipped_file
 from ..motion.motion import Motion, read_motion, rigid
 from ..options import FileOptions
@@ -96,7 +96,6 @@ def _of_xml(
         require_scene_file(os.fspath(place))
         path = Path(place)
         text = path.read_text(encoding="utf-8", errors="replace")
-    require_shallow(text, path)
     names = _parameter_names(text)
     unknown = [name for name in values if name not in names]
     if unknown and "<include" not in text:  # names in included files are left to Mitsuba
@@ -106,6 +105,7 @@ def _of_xml(
         )
     beside = type(mi.file_resolver())(mi.file_resolver())
     beside.prepend(str(path.resolve().parent))
+    require_bounded(text, path, values, lambda name: str(beside.resolve(name)))
     used = dict(values)
     if "$exposure_s" not in text:  # no element need use it, which Mitsuba refuses
         used.pop("exposure_s", None)
