@@ -12,7 +12,7 @@ from fuzz_files import report
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.shipped import SHIPPED
 from mitsuba_sensor.dataset.plan import load_plan
-from mitsuba_sensor.render.motion.motion import read_motion
+from mitsuba_sensor.render.scene.motion import read_motion
 
 CASES, TYPES = 210, 600
 

@@ -31,7 +31,7 @@ from mitsuba_sensor.files.scene_references import scene_references
 from mitsuba_sensor.lab.frames.manifest import read_manifest
 from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.render.motion.aovs import render_aovs
-from mitsuba_sensor.render.motion.motion import read_motion
+from mitsuba_sensor.render.scene.motion import read_motion
 from mitsuba_sensor.render.scene.parse_scene import parse
 
 SIDE = 100_000

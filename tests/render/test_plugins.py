@@ -26,8 +26,8 @@ from helpers.scenes import (
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.light.bands import box_bands, channel_bands
+from mitsuba_sensor.render.load.scene import Scene, load_scene
 from mitsuba_sensor.render.plugins import plugin_hook
-from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
 CAMERA = ms.load_camera("konnik_table1")

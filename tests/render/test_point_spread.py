@@ -26,8 +26,8 @@ from mitsuba_sensor.optics.point_spread import (
 )
 from mitsuba_sensor.render.denoise.guides import trace_guides
 from mitsuba_sensor.render.light.bands import box_bands
+from mitsuba_sensor.render.load.scene import Scene, load_scene
 from mitsuba_sensor.render.motion.aovs import render_aovs
-from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
 LLVM = "llvm_ad_spectral"

@@ -1,0 +1,289 @@
+"""The spectra of a parsed scene, found in one walk: where each can be above zero, and the numbers that it is made of.
+
+The tables of the metals that Mitsuba 3.9 knows by name extend from about 300 to between 590 and 900 nm. Outside them
+it takes η = k = 0, which reflects everything, or is NaN at normal incidence; here their first and last values are held.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ...core import Float64Array
+from ..limits import MITSUBA_NM
+from ..scene.parsed_scene import ParsedScene
+from ..variants import MitsubaObject, mitsuba
+
+Range: TypeAlias = tuple[float, float]
+EVERYWHERE: Range = (-math.inf, math.inf)
+SUN_NM: Range = (320.0, 720.0)  # of the model of sun and sky, as measured with Mitsuba 3.9.1
+SUNS = ("sunsky", "timed_sunsky")
+LIMITED = ("d65", "blackbody", "envmap")  # plugins that end with Mitsuba's range
+WHOLE = (
+    "irregular",
+    "regular",
+    "bitmap",
+    "envmap",
+    "gridvolume",
+    "mesh_attribute",
+    "srgb",
+    *LIMITED,
+)
+"""Plugins that are spectra themselves; all others are made of spectra."""
+STRENGTHS = ("radiance", "irradiance", "intensity")
+"""Of emitters; a float there is a factor on D65 (#1579)."""
+D65_BY_DEFAULT = (
+    "area",
+    "constant",
+    "directional",
+    "directionalarea",
+    "point",
+    "projector",
+    "spot",
+)
+METALS = ("conductor", "roughconductor")  # materials that take the name of a metal
+INDICES = ("eta", "k")
+FLOAT_PICTURES = (
+    ".exr",
+    ".hdr",
+    ".rgbe",
+    ".pfm",
+)  # those of 8 and 16 bits have no value above 1
+ENDS = ("wavelength_min", "wavelength_max")
+
+
+class Part(NamedTuple):
+    """A spectrum, a colour, a number or a picture.
+
+    owner, key : properties that hold it, and its name there.  is_inside : these are the properties of a texture.
+    kind : type of its plugin; "rgb", "float" or "table" of a value.  props : of its plugin; None of a value.
+    """
+
+    owner: MitsubaObject
+    key: str
+    is_inside: bool
+    kind: str
+    props: MitsubaObject = None
+
+    @property
+    def value(self) -> MitsubaObject:
+        """As it stands in the properties of its owner."""
+        return self.owner[self.key]
+
+    @property
+    def data_nm(self) -> Range:
+        """The wavelengths where it can be above zero."""
+        if self.kind == "table" and not self.value.is_uniform():
+            return _ends(self.value.wavelengths)
+        if self.kind == "irregular":
+            return _ends(_listed(self.props.get("wavelengths", "")))
+        given_nm = _given_ends(self.props)
+        is_limited = self.kind in LIMITED and given_nm == EVERYWHERE
+        return MITSUBA_NM if is_limited else given_nm
+
+
+class Property(NamedTuple):
+    """A property of an emitter, a material or a medium.
+
+    number : of the node in the parser's state.  parts : what the property is made of, those in textures too.
+    """
+
+    node: MitsubaObject
+    number: int
+    role: str
+    is_light: bool
+    parts: tuple[Part, ...]
+
+    @property
+    def is_number(self) -> bool:
+        """Return True for a colour or a float in the element itself."""
+        return not self.parts[0].is_inside and self.parts[0].kind in ("rgb", "float")
+
+    @property
+    def data_nm(self) -> Range:
+        """The wavelengths where all of its parts can be above zero."""
+        return _common(part.data_nm for part in self.parts)
+
+
+def properties_of(scene: ParsedScene) -> list[Property]:
+    """Return the properties of emitters, materials and media that have spectra; an envmap is its own radiance."""
+    types, found = mitsuba().ObjectType, list[Property]()
+    for number, node in enumerate(scene.state.nodes):
+        if node.type not in (types.Emitter, types.BSDF, types.Medium):
+            continue
+        is_light = node.type == types.Emitter
+        if (kind := node.props.plugin_name()) == "envmap":
+            whole = Part(node.props, "", False, kind, node.props)
+            found.append(Property(node, number, STRENGTHS[0], is_light, (whole,)))
+        for role in node.props:
+            if parts := tuple(_parts(scene, node.props, role)):
+                found.append(Property(node, number, role, is_light, parts))
+    return found
+
+
+def _parts(
+    scene: ParsedScene, owner: MitsubaObject, key: str, is_inside: bool = False
+) -> Iterator[Part]:
+    """What a property is made of: it, or the parts of a texture or volume."""
+    mi, value = mitsuba(), owner[key]
+    if isinstance(value, mi.Properties.ResolvedReference):
+        node = scene.state.nodes[value.index()]
+        if node.type not in (mi.ObjectType.Texture, mi.ObjectType.Volume):
+            return
+        props, kind = node.props, node.props.plugin_name()
+        if kind in WHOLE or all(name in props for name in ENDS):
+            yield Part(owner, key, is_inside, kind, props)
+            return
+        for name in props:
+            is_nested = isinstance(props[name], mi.Properties.ResolvedReference)
+            if is_nested or name.startswith(("color", "value")):
+                yield from _parts(scene, props, name, is_inside=True)
+    elif "Color3" in type(value).__name__:
+        yield Part(owner, key, is_inside, "rgb")
+    elif isinstance(value, float):
+        yield Part(owner, key, is_inside, "float")
+    elif hasattr(value, "is_uniform"):  # the parser's spectrum, not the variant's
+        yield Part(owner, key, is_inside, "table")
+
+
+def light_range(emitter: MitsubaObject, properties: Iterable[Property]) -> Range:
+    """Return the wavelengths at which an emitter can shine; a colour or float that stands in it is times D65."""
+    kind, own = emitter.props.plugin_name(), [one for one in properties if one.node == emitter]
+    strengths = [one for one in own if one.role in STRENGTHS]
+    if kind in SUNS:
+        return SUN_NM
+    if kind in D65_BY_DEFAULT and not strengths:
+        return MITSUBA_NM
+    if any(one.is_number for one in strengths):
+        return MITSUBA_NM
+    return min((one.data_nm for one in own), key=lambda r: r[1] - r[0], default=EVERYWHERE)
+
+
+def values_of_part(scene: ParsedScene, part: Part, band_nm: Range) -> Float64Array | None:
+    """Return the numbers of a part between two wavelengths, (N,) of a table or (pixels, channels) of a picture; None
+    where they are not known."""
+    props = part.props
+    if part.kind == "table" and not part.value.is_uniform():
+        return _between(band_nm, part.value.values, part.value.wavelengths)
+    if part.kind in ("table", "float", "rgb"):
+        return np.ravel(np.array(getattr(part.value, "values", part.value), np.float64))
+    if part.kind in ("bitmap", "envmap"):
+        return _pixels(scene, props)
+    if part.kind == "gridvolume":
+        grid, file = props.get("grid", None), _file(scene, props)
+        if grid is None and file.is_file():
+            grid = mitsuba().VolumeGrid(str(file))
+        return None if grid is None else np.array([float(grid.max())])
+    values, ends_nm = _listed(props.get("values", "")), _given_ends(props)
+    if part.kind == "irregular":
+        return _between(band_nm, values, _listed(props.get("wavelengths", "")))
+    if part.kind == "regular" and math.isfinite(ends_nm[1] - ends_nm[0]):
+        return _between(band_nm, values, np.linspace(*ends_nm, len(values)))
+    return None
+
+
+def _between(
+    band_nm: Range, values: ArrayLike, wavelengths_nm: ArrayLike
+) -> Float64Array | None:
+    """The values of a table between two wavelengths, and at these two; a table is 0 outside. None where it has not as
+    many values as wavelengths, which Mitsuba refuses."""
+    heights, nm = np.array(values, np.float64), np.array(wavelengths_nm, np.float64)
+    if not heights.size or heights.shape != nm.shape:
+        return None
+    ends = np.interp(band_nm, nm, heights, left=0.0, right=0.0)
+    return np.concatenate([heights[(nm >= band_nm[0]) & (nm <= band_nm[1])], ends])
+
+
+def _file(scene: ParsedScene, props: MitsubaObject) -> Path:
+    return Path(str(scene.resolver.resolve(props.get("filename", ""))))
+
+
+def _pixels(scene: ParsedScene, props: MitsubaObject) -> Float64Array | None:
+    """The pixels of a picture that can be outside 0 to 1, without transparency."""
+    picture, file = props.get("bitmap", props.get("data", None)), _file(scene, props)
+    if picture is None:
+        if file.suffix.lower() not in FLOAT_PICTURES or not file.is_file():
+            return None
+        picture = mitsuba().Bitmap(str(file))
+    values = np.array(picture)
+    if values.dtype.kind != "f" or not values.size:
+        return None
+    channels = values.shape[2] if values.ndim == 3 else 1
+    colours = channels - (channels in (2, 4))  # the last one of these is transparency
+    return values.reshape(-1, channels)[:, :colours]
+
+
+def _listed(numbers: object) -> list[float]:
+    """Numbers that are written in one text, or a list already; none where one of them is no number."""
+    try:
+        if isinstance(numbers, str):
+            return [float(number) for number in numbers.replace(",", " ").split()]
+        return [float(number) for number in np.ravel(np.array(numbers)).tolist()]
+    except ValueError:
+        return []
+
+
+def _given_ends(props: MitsubaObject) -> Range:
+    """First and last wavelength of a plugin that has them as parameters."""
+    if props is None or not all(name in props for name in ENDS):
+        return EVERYWHERE
+    return float(props[ENDS[0]]), float(props[ENDS[1]])
+
+
+def _ends(wavelengths_nm: list[float]) -> Range:
+    return (
+        (float(min(wavelengths_nm)), float(max(wavelengths_nm)))
+        if len(wavelengths_nm)
+        else EVERYWHERE
+    )
+
+
+def _common(ranges: Iterable[Range]) -> Range:
+    lows, highs = zip(EVERYWHERE, *ranges, strict=True)
+    return max(lows), min(highs)
+
+
+def metal_table(material: object) -> dict[str, Float64Array] | None:
+    """Return Mitsuba's table of a metal: wavelengths [nm], eta and k; None for a name that has none."""
+    if not isinstance(material, str):
+        return None
+    mi = mitsuba()
+    try:
+        parameters = mi.traverse(mi.load_dict({"type": METALS[0], "material": material}))
+    except RuntimeError:  # said again, with its place in the file, when the scene is built
+        return None
+    names = {"wavelengths": "eta.wavelengths", "eta": "eta.values", "k": "k.values"}
+    if names["wavelengths"] not in parameters:
+        return None
+    return {name: np.array(parameters[key], np.float64) for name, key in names.items()}
+
+
+def metals_of(scene: ParsedScene) -> Iterator[tuple[MitsubaObject, dict[str, Float64Array]]]:
+    """Yield the materials of a scene that take a metal by its name, and its table."""
+    for node in scene.nodes("BSDF"):
+        is_named = not any(name in node.props for name in INDICES)
+        if is_named and node.props.plugin_name() in METALS:
+            table = metal_table(node.props.get("material", None))
+            if table is not None:
+                yield node, table
+
+
+def continue_metals(scene: ParsedScene, low_nm: float, high_nm: float) -> None:
+    """Replace the names of metals whose tables end between two wavelengths by tables whose ends are held."""
+    for node, table in metals_of(scene):
+        nm = table["wavelengths"]
+        below = [low_nm] if low_nm < nm[0] else []
+        above = [high_nm] if high_nm > nm[-1] else []
+        if not below and not above:
+            continue
+        del node.props["material"]
+        for name in INDICES:
+            values = np.pad(table[name], (len(below), len(above)), mode="edge")
+            texts = {"wavelengths": np.concatenate([below, nm, above]), "values": values}
+            listed = {key: ", ".join(map(repr, x.tolist())) for key, x in texts.items()}
+            node.props[name] = mitsuba().load_dict({"type": "irregular", **listed})
