@@ -114,12 +114,13 @@ def require_bounded(
 
     def walk(text: str, file: Path, depth: int) -> None:
         expansion.include(file, depth)
+        has_parameters = "$" in text
 
         def tell(tag: str, attributes: Mapping[str, str], line: int) -> None:
-            put_in = {
-                name: expansion.put_in(value, f"{file}, line {line}")
-                for name, value in attributes.items()
-            }
+            put_in = attributes
+            if has_parameters:
+                where = f"{file}, line {line}"
+                put_in = {name: expansion.put_in(x, where) for name, x in attributes.items()}
             if tag == "default":
                 expansion.values.setdefault(put_in.get("name", ""), put_in.get("value", ""))
             elif tag == "path":

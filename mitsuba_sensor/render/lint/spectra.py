@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ...core import Float64Array
 from ..limits import MITSUBA_NM
@@ -57,7 +58,8 @@ FLOAT_PICTURES = (
 ENDS = ("wavelength_min", "wavelength_max")
 
 
-class Part(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Part:
     """A spectrum, a colour, a number or a picture.
 
     owner, key : properties that hold it, and its name there.  is_inside : these are the properties of a texture.
@@ -75,16 +77,28 @@ class Part(NamedTuple):
         """As it stands in the properties of its owner."""
         return self.owner[self.key]
 
+    @cached_property
+    def table(self) -> tuple[Float64Array | None, Float64Array]:
+        """Wavelengths [nm], outside of which it is zero, and values; None and no values where they are not known."""
+        props, values = self.props, np.zeros(0)
+        if props is None:
+            numbers = np.ravel(np.array(getattr(self.value, "values", self.value), np.float64))
+            is_table = self.kind == "table" and not self.value.is_uniform()
+            return (np.array(self.value.wavelengths) if is_table else None), numbers
+        if self.kind in ("irregular", "regular"):
+            values = _listed(props.get("values", ""))
+        if self.kind == "irregular":
+            return _listed(props.get("wavelengths", "")), values
+        if all(name in props for name in ENDS):
+            ends_nm = [float(props[name]) for name in ENDS]
+            return np.linspace(*ends_nm, max(len(values), 2)), values
+        return (np.array(MITSUBA_NM) if self.kind in LIMITED else None), values
+
     @property
     def data_nm(self) -> Range:
         """The wavelengths where it can be above zero."""
-        if self.kind == "table" and not self.value.is_uniform():
-            return _ends(self.value.wavelengths)
-        if self.kind == "irregular":
-            return _ends(_listed(self.props.get("wavelengths", "")))
-        given_nm = _given_ends(self.props)
-        is_limited = self.kind in LIMITED and given_nm == EVERYWHERE
-        return MITSUBA_NM if is_limited else given_nm
+        nm, _ = self.table
+        return EVERYWHERE if nm is None or not nm.size else (float(nm.min()), float(nm.max()))
 
 
 class Property(NamedTuple):
@@ -164,83 +178,51 @@ def light_range(emitter: MitsubaObject, properties: Iterable[Property]) -> Range
     return min((one.data_nm for one in own), key=lambda r: r[1] - r[0], default=EVERYWHERE)
 
 
-def values_of_part(scene: ParsedScene, part: Part, band_nm: Range) -> Float64Array | None:
-    """Return the numbers of a part between two wavelengths, (N,) of a table or (pixels, channels) of a picture; None
-    where they are not known."""
-    props = part.props
-    if part.kind == "table" and not part.value.is_uniform():
-        return _between(band_nm, part.value.values, part.value.wavelengths)
-    if part.kind in ("table", "float", "rgb"):
-        return np.ravel(np.array(getattr(part.value, "values", part.value), np.float64))
+def values_of_part(scene: ParsedScene, part: Part, band_nm: Range) -> Float64Array:
+    """Return the numbers of a part between two wavelengths, (N,) of a table or (pixels, channels) of a picture; none
+    where they are not known, and of a table that Mitsuba refuses, with not as many values as wavelengths."""
     if part.kind in ("bitmap", "envmap"):
-        return _pixels(scene, props)
+        return _pixels(scene, part.props)
     if part.kind == "gridvolume":
-        grid, file = props.get("grid", None), _file(scene, props)
+        grid, file = part.props.get("grid", None), _file(scene, part.props)
         if grid is None and file.is_file():
             grid = mitsuba().VolumeGrid(str(file))
-        return None if grid is None else np.array([float(grid.max())])
-    values, ends_nm = _listed(props.get("values", "")), _given_ends(props)
-    if part.kind == "irregular":
-        return _between(band_nm, values, _listed(props.get("wavelengths", "")))
-    if part.kind == "regular" and math.isfinite(ends_nm[1] - ends_nm[0]):
-        return _between(band_nm, values, np.linspace(*ends_nm, len(values)))
-    return None
-
-
-def _between(
-    band_nm: Range, values: ArrayLike, wavelengths_nm: ArrayLike
-) -> Float64Array | None:
-    """The values of a table between two wavelengths, and at these two; a table is 0 outside. None where it has not as
-    many values as wavelengths, which Mitsuba refuses."""
-    heights, nm = np.array(values, np.float64), np.array(wavelengths_nm, np.float64)
-    if not heights.size or heights.shape != nm.shape:
-        return None
-    ends = np.interp(band_nm, nm, heights, left=0.0, right=0.0)
-    return np.concatenate([heights[(nm >= band_nm[0]) & (nm <= band_nm[1])], ends])
+        return np.zeros(0) if grid is None else np.array([float(grid.max())])
+    nm, values = part.table
+    if nm is None or nm.shape != values.shape:
+        return values if nm is None else np.zeros(0)
+    ends = np.interp(band_nm, nm, values, left=0.0, right=0.0)
+    return np.concatenate([values[(nm >= band_nm[0]) & (nm <= band_nm[1])], ends])
 
 
 def _file(scene: ParsedScene, props: MitsubaObject) -> Path:
     return Path(str(scene.resolver.resolve(props.get("filename", ""))))
 
 
-def _pixels(scene: ParsedScene, props: MitsubaObject) -> Float64Array | None:
+def _pixels(scene: ParsedScene, props: MitsubaObject) -> Float64Array:
     """The pixels of a picture that can be outside 0 to 1, without transparency."""
     picture, file = props.get("bitmap", props.get("data", None)), _file(scene, props)
     if picture is None:
         if file.suffix.lower() not in FLOAT_PICTURES or not file.is_file():
-            return None
+            return np.zeros(0)
         picture = mitsuba().Bitmap(str(file))
     values = np.array(picture)
-    if values.dtype.kind != "f" or not values.size:
-        return None
+    if values.dtype.kind != "f":
+        return np.zeros(0)
     channels = values.shape[2] if values.ndim == 3 else 1
     colours = channels - (channels in (2, 4))  # the last one of these is transparency
     return values.reshape(-1, channels)[:, :colours]
 
 
-def _listed(numbers: object) -> list[float]:
+def _listed(numbers: object) -> Float64Array:
     """Numbers that are written in one text, or a list already; none where one of them is no number."""
-    try:
-        if isinstance(numbers, str):
-            return [float(number) for number in numbers.replace(",", " ").split()]
-        return [float(number) for number in np.ravel(np.array(numbers)).tolist()]
-    except ValueError:
-        return []
-
-
-def _given_ends(props: MitsubaObject) -> Range:
-    """First and last wavelength of a plugin that has them as parameters."""
-    if props is None or not all(name in props for name in ENDS):
-        return EVERYWHERE
-    return float(props[ENDS[0]]), float(props[ENDS[1]])
-
-
-def _ends(wavelengths_nm: list[float]) -> Range:
-    return (
-        (float(min(wavelengths_nm)), float(max(wavelengths_nm)))
-        if len(wavelengths_nm)
-        else EVERYWHERE
+    listed = (
+        numbers.replace(",", " ").split() if isinstance(numbers, str) else np.ravel(numbers)
     )
+    try:
+        return np.array([float(number) for number in listed])
+    except ValueError:
+        return np.zeros(0)
 
 
 def _common(ranges: Iterable[Range]) -> Range:

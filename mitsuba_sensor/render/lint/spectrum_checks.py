@@ -145,8 +145,6 @@ def impossible_values(subject: Subject) -> Found:
         is_fraction, is_strength = role in FRACTIONS, is_light and role in STRENGTHS
         for part in parts:
             values = values_of_part(subject.scene, part, subject.band_nm)
-            if values is None:
-                continue
             finite = values[np.isfinite(values)]
             largest, least = finite.max(initial=-np.inf), finite.min(initial=np.inf)
             is_clamped = values.ndim == 2 and values.shape[1] > 1
