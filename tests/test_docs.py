@@ -25,7 +25,7 @@ from helpers.pages import blocks, fenced, lines
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.render.motion.motion import read_motion
+from mitsuba_sensor.render.scene.motion import read_motion
 from mitsuba_sensor.render.scene.parse_scene import parse
 from mitsuba_sensor.render.scene.plugin_parameters import (
     FILM_PARAMETERS,
