@@ -485,7 +485,7 @@ TOKENS_MAX = {
     "core": 24340,
     "dataset": 45321,
     "examples": 8985,
-    "files": 18854,
+    "files": 19269,
     "gradient": 4248,
     "lab": 72741,
     "optics": 17471,
@@ -494,10 +494,10 @@ TOKENS_MAX = {
     "render": 79631,
     "reproduction": 12153,
     "sensor": 13925,
-    "stages": 32706,
+    "stages": 32746,
     "study": 16912,
-    "tests": 388232,
-    "theory": 13847,
+    "tests": 387340,
+    "theory": 14658,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
 TOKENS_SLACK = 0.03
