@@ -480,7 +480,7 @@ TOKENS_MAX = {
     ".": 8068,
     "bench": 26063,
     "benchmarks": 32160,
-    "camera": 24754,
+    "camera": 24826,
     "cli": 25791,
     "core": 24340,
     "dataset": 45321,
