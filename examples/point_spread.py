@@ -1,7 +1,7 @@
-"""Make the pictures of docs/point-spread.md: the still life on pixels of 1.1 µm at f/4 and f/22.
+"""Make the pictures of docs/optics-and-pixels.md: the still life on pixels of 1.1 µm at f/4 and f/22.
 
 python examples/point_spread.py                                    # small, into point_spread/
-python examples/point_spread.py docs/images --size 160 --spp 256   # the pictures of docs/point-spread.md
+python examples/point_spread.py docs/images --size 160 --spp 256   # the pictures of docs/optics-and-pixels.md
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Runs the studies and writes what they found as a page in Markdown, with a picture and the command of each.
 
 python examples/study_pages.py                        # one small study, into study_pages/
-python examples/study_pages.py docs/studies --all     # all studies: docs/studies/README.md
+python examples/study_pages.py study_pages --all      # all studies, as docs/studies/README.md reports them
 
 Each study is a command of its own, which is printed; one that was stopped goes on where it was. Measurements and the
 full pages stay in ``work/`` in the folder.

@@ -1,7 +1,7 @@
-"""Make the picture of docs/veiling-glare.md: a street at night through a clean lens and one with veiling glare.
+"""Make the picture of docs/optics-and-pixels.md: a street at night through a clean lens and one with veiling glare.
 
 python examples/veiling_glare.py                                   # small, into veiling_glare/
-python examples/veiling_glare.py docs/images --width 240 --spp 64 # the picture of docs/veiling-glare.md
+python examples/veiling_glare.py docs/images --width 240 --spp 64 # the picture of docs/optics-and-pixels.md
 """
 
 from __future__ import annotations

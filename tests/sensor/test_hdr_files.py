@@ -33,7 +33,7 @@ def test_a_camera_file_is_right(name: str) -> None:
 
 
 def rows(name: str) -> list[str]:
-    """Lines of the table in docs/published-cameras.md, the camera's name in the first."""
+    """Lines of the table in docs/cameras.md, the camera's name in the first."""
     camera, lines = ms.load_camera(name), list[str]()
     for readout in camera.readouts:
         one = camera.readout_cameras[readout.name]
@@ -48,12 +48,12 @@ def rows(name: str) -> list[str]:
 
 
 def test_the_page_of_published_cameras_has_their_readouts() -> None:
-    head = "| camera | read-out | of | sensitivity | K [DN/e-] | read noise [e-] | full well [e-] | combined bits |"
+    head = "| camera | readout | of | sensitivity | K [DN/e-] | read noise [e-] | full well [e-] | combined bits |"
     lines = [head, "|---|---|---|---|---|---|---|---|"]
     for name in FILES:
         lines += rows(name)
     table = "\n".join(lines)
-    page = (ROOT / "docs" / "published-cameras.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "cameras.md").read_text(encoding="utf-8")
     assert table in page, f"\n{table}"
 
 
