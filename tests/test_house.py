@@ -457,7 +457,7 @@ TOKENS_MAX = {
     "cli": 25506,
     "core": 24196,
     "dataset": 45321,
-    "examples": 11859,
+    "examples": 9005,
     "files": 18854,
     "gradient": 4248,
     "lab": 72741,

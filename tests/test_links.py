@@ -84,8 +84,8 @@ def ends_of_paths() -> set[str]:
 
 def missing_files(text: str) -> list[str]:
     """Python and Markdown files, and paths below the folders of the repository, that a text names and nobody has."""
-    named = re.findall(r"(?<![\w./*-])[\w./-]*\w\.(?:py|md)\b", text)
-    named += re.findall(rf"(?<![\w./*-])(?:{'|'.join(FOLDERS)})/[\w./-]+\.\w+", text)
+    named = re.findall(r"(?<![\w./:*-])[\w./-]*\w\.(?:py|md)\b", text)
+    named += re.findall(rf"(?<![\w./:*-])(?:{'|'.join(FOLDERS)})/[\w./-]+\.\w+", text)
     paths = {name: "/" + re.sub(r"^(\.{1,2}/)+", "", name) for name in named}
     return [name for name, path in paths.items() if path not in ends_of_paths()]
 
