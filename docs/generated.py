@@ -119,13 +119,11 @@ def commands() -> str:
     program = typer.main.get_command(app)
     found = dict(commands_below(program))
     uses = Counter(_option(one) for command in found.values() for one in _options(command))
-    shared = {
-        row: one
-        for command in found.values()
-        for one in _options(command)
-        if uses[row := _option(one)] > 1
-    }
-    rows = sorted(shared, key=lambda row: row.strip("| `-").lower())
+    shared: dict[str, str] = {}
+    for row, count in uses.most_common():
+        if count > 1:
+            shared.setdefault(row.split("`")[1], row)
+    rows = sorted(shared.values(), key=lambda row: row.strip("| `-").lower())
     head = ["| option | what it does |", "|---|---|"]
     parts = ["\n".join([*head, *rows])]
     for path, command in found.items():
@@ -231,10 +229,10 @@ def camera_file() -> str:
     parts = []
     for one in TABLES:
         if not one.path.startswith("lens.prescription.ray_transfer"):
-            title = f"`{one.header}`" if one.path else "Top of the file"
+            title = f"`{one.header}`\n\n{one.meaning}" if one.path else "Top of the file"
             rows = "\n".join(map(_key, one.entries))
             head = "| key | range | default | meaning |\n|---|---|---|---|"
-            parts.append(f"### {title}\n\n{one.meaning}\n\n{head}\n{rows}")
+            parts.append(f"### {title}\n\n{head}\n{rows}")
     return "\n\n".join(parts)
 
 
