@@ -426,7 +426,7 @@ def test_the_public_api_has_at_most_44_names() -> None:
 
 def test_importing_the_package_chooses_llvm_and_adds_one_finder() -> None:
     """And changes nothing else. The finder registers the plugins when Mitsuba is imported, and takes itself out
-    (docs/plugins.md)."""
+    (docs/scene.md)."""
     code = (
         "import os, sys; before = dict(os.environ); finders, hooks = list(sys.meta_path), list(sys.path_hooks)\n"
         "import mitsuba_sensor\n"
@@ -496,7 +496,7 @@ TOKENS_MAX = {
     "sensor": 13925,
     "stages": 32746,
     "study": 16912,
-    "tests": 387340,
+    "tests": 387033,
     "theory": 14658,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

@@ -55,7 +55,7 @@ class SheetFlags(SimulatedFlags, total=False):
     frames: Annotated[
         str | None,
         Option(
-            "Measure frames of a real camera: a folder with a folder for each chart, see docs/sheet.md.",
+            "Measure frames of a real camera: a folder with a folder for each chart, see docs/image-quality.md.",
             metavar="DIR",
             panel=PANEL,
         ),

@@ -110,7 +110,7 @@ def patches_of(facts: Facts) -> Patches:
         raise InputError(
             "chart.toml of a chart of patches has patches = [[first row, first column, rows, columns], …] and "
             "exposure_lxs = […], the illuminance at the focal plane times the exposure time of each patch; "
-            "docs/sheet.md shows one."
+            "docs/image-quality.md shows one."
         )
     return Patches([tuple(region) for region in regions or ()], exposures or ())
 

@@ -30,7 +30,7 @@ def chart_folders(path: Path) -> dict[Path, Chart]:
     of_kind: dict[str, Chart] = {}
     for chart in CHARTS:
         of_kind.setdefault(chart.kind, chart)
-    begin = f"their names begin with {', '.join(of_kind)}; see docs/sheet.md."
+    begin = f"their names begin with {', '.join(of_kind)}; see docs/image-quality.md."
     found = {}
     for folder in sorted(one for one in path.iterdir() if one.is_dir()):
         measures = _chart_of(folder, of_kind)

@@ -22,7 +22,7 @@ from .sensor import (
 )
 
 MOST_PIXELS, LARGEST_DN = 0.01, 1.0
-"""Share of the pixels that float32 may move, and by how much (docs/backends.md)."""
+"""Share of the pixels that float32 may move, and by how much (docs/accuracy-and-limits.md)."""
 
 USUAL_DN = 0.02
 """The tolerance that the first finding is about."""
