@@ -452,7 +452,7 @@ LINES_OF_A_MODULE, FORMATTED_BY_HAND, ANY, PARAMETERS = 420, 10, 300, 8
 TOKENS_MAX = {
     ".": 7984,
     "bench": 26063,
-    "benchmarks": 41669,
+    "benchmarks": 42210,
     "camera": 24754,
     "cli": 25506,
     "core": 24196,
@@ -460,7 +460,7 @@ TOKENS_MAX = {
     "examples": 11859,
     "files": 18854,
     "gradient": 4248,
-    "lab": 72741,
+    "lab": 68343,
     "optics": 17471,
     "output": 25268,
     "pages": 3609,
@@ -469,7 +469,7 @@ TOKENS_MAX = {
     "sensor": 13920,
     "stages": 32706,
     "study": 16912,
-    "tests": 424848,
+    "tests": 415687,
     "theory": 13847,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
