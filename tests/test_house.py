@@ -487,7 +487,7 @@ TOKENS_MAX = {
     "examples": 8985,
     "files": 19269,
     "gradient": 4248,
-    "lab": 72741,
+    "lab": 68343,
     "optics": 17471,
     "output": 26888,
     "pages": 3609,
