@@ -479,7 +479,7 @@ LINES_OF_A_MODULE, PARAMETERS = 420, 8
 TOKENS_MAX = {
     ".": 8068,
     "bench": 26063,
-    "benchmarks": 31408,
+    "benchmarks": 31949,
     "camera": 24826,
     "cli": 25791,
     "core": 24340,
@@ -496,7 +496,7 @@ TOKENS_MAX = {
     "sensor": 13925,
     "stages": 32746,
     "study": 16912,
-    "tests": 384811,
+    "tests": 375650,
     "theory": 14658,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
