@@ -3,8 +3,7 @@
 python examples/study_pages.py                        # one small study, into study_pages/
 python examples/study_pages.py docs/studies --all     # all studies: docs/studies/README.md
 
-Each study is a command of its own, which is printed; one that was stopped goes on where it was. Measurements and the
-full pages stay in ``work/`` in the folder.
+Each study is a command of its own, which is printed. The full pages stay in ``work/`` in the folder.
 """
 
 from __future__ import annotations

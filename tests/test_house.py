@@ -241,15 +241,17 @@ def test_no_imports_go_round_in_a_circle() -> None:
     graphlib.TopologicalSorter(graph).prepare()  # raises CycleError, with the circle
 
 
-STUDIES = ("study/work_precision/", "study/ablation/", "study/stress/")
+STUDIES = ("study/work_precision.py", "study/ablation.py", "study/stress.py")
 
 
 def test_studies_import_only_the_public_api() -> None:
-    """Beside it their kit and pages, and estimates with intervals of the laboratory."""
+    """Beside it their kit and pages, estimates with intervals of the laboratory, and TOML."""
     beside = (
         "mitsuba_sensor.study.",
         "mitsuba_sensor.pages.",
         "mitsuba_sensor.lab.statistics.estimators.",
+        "mitsuba_sensor.lab.quantity.student_interval",
+        "mitsuba_sensor.files.texts.read_toml",
     )
     wrong = []
     for path in MODULES:
@@ -451,25 +453,25 @@ LINES_OF_A_MODULE, FORMATTED_BY_HAND, ANY, PARAMETERS = 420, 10, 300, 8
 
 TOKENS_MAX = {
     ".": 7984,
-    "bench": 26063,
-    "benchmarks": 41669,
+    "bench": 23349,
+    "benchmarks": 41674,
     "camera": 24754,
-    "cli": 25506,
+    "cli": 25113,
     "core": 24196,
     "dataset": 45321,
-    "examples": 11859,
+    "examples": 11656,
     "files": 18854,
     "gradient": 4248,
     "lab": 72741,
     "optics": 17471,
-    "output": 25268,
-    "pages": 3609,
+    "output": 24043,
+    "pages": 3298,
     "render": 82245,
-    "reproduction": 12153,
+    "reproduction": 12087,
     "sensor": 13920,
     "stages": 32706,
-    "study": 16912,
-    "tests": 424848,
+    "study": 9297,
+    "tests": 419390,
     "theory": 13847,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

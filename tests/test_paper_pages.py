@@ -15,26 +15,20 @@ from typing import Any
 import numpy as np
 import paper_pages
 import pytest
-from helpers.study_pages import faults, through_files
-from paper import RECORDS, camera, dark, measure_paper, pattern, transfer
+from paper import camera, dark, measure_paper, pattern, transfer
 from paper.camera import FULL, GAIN, RESPONSES, SMALL, Response
 from paper.check import Check, c4
 from paper.published import DARK_SIGNALS, TABLE_2
 
 from mitsuba_sensor.pages.page import Drawing, Line, Plot, Section, Study, Table, study_of
-from mitsuba_sensor.study.kit import Kit
+from mitsuba_sensor.study.kit import Progress
 
 WELL = 33_000.0
 
 
 @pytest.fixture(scope="module")
-def kit() -> Kit:
-    return Kit()
-
-
-@pytest.fixture(scope="module")
-def study(kit: Kit) -> Study:
-    return measure_paper(kit, SMALL)
+def study() -> Study:
+    return measure_paper(lambda now, share: None, SMALL)
 
 
 def table(study: Study, title: str) -> Table:
@@ -234,7 +228,10 @@ def test_the_published_normal_and_log_normal_fits_do_not_belong_to_one_sample() 
 def test_the_page_has_units_everywhere_and_eight_series_at_most(study: Study) -> None:
     from matplotlib.figure import Figure
 
-    assert not faults(study)
+    for part in study.parts:
+        if isinstance(part, Plot):
+            assert part.x_label.endswith("]") and part.y_label.endswith("]"), part.title
+            assert len(part.lines) <= 8, part.title
     json.dumps(study.to_dict(), allow_nan=False)
     drawings = [part for part in study.parts if isinstance(part, Drawing)]
     assert len(drawings) == 12
@@ -257,34 +254,24 @@ def test_figures_of_two_scales_are_drawn_in_both(study: Study) -> None:
         }
 
 
-@pytest.mark.exhaustive
-def test_nothing_is_measured_twice(kit: Kit, study: Study, tmp_path: Path) -> None:
-    """From measurements as files have them comes the same study."""
-    again = Kit(through_files(kit.known, RECORDS, tmp_path))
-    same = measure_paper(again, SMALL)
-    assert same.findings == study.findings and again.new == 0
-    assert json.dumps(same.to_dict()) == json.dumps(study.to_dict())
-
-
 def test_the_command_writes_every_picture(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def short(kit: Kit) -> Study:
-        kit.measure("one", 1.0, lambda: 1)
+    def short(progress: Progress, size: object) -> Study:
+        progress("one", 0.0)
         plots = tuple(
             Plot(f"plot {k}", "x [s]", "y [DN]", (Line("a", (1.0, 2.0), (1.0, 2.0)),))
             for k in range(3)
         )
         return study_of("paper", "title", [Section(("found",), True, plots)])
 
-    monkeypatch.setattr(paper_pages, "measure_paper", lambda kit, size: short(kit))
+    monkeypatch.setattr(paper_pages, "measure_paper", short)
     for _ in range(2):
         assert paper_pages.main(["-o", str(tmp_path / "out")]) == 0
     assert json.loads((tmp_path / "out" / "study.json").read_text(encoding="utf-8"))["passed"]
     left = {
         "study.html",
         "study.json",
-        "measurements",
         "paper.png",
         "paper-2.png",
         "paper-3.png",
