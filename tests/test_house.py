@@ -453,7 +453,7 @@ LINES_OF_A_MODULE, FORMATTED_BY_HAND, ANY, PARAMETERS = 420, 10, 300, 8
 
 TOKENS_MAX = {
     ".": 7984,
-    "bench": 23349,
+    "bench": 23014,
     "benchmarks": 41674,
     "camera": 24754,
     "cli": 25113,
@@ -465,12 +465,12 @@ TOKENS_MAX = {
     "lab": 72741,
     "optics": 17471,
     "output": 24043,
-    "pages": 3298,
+    "pages": 3287,
     "render": 82245,
     "reproduction": 12087,
     "sensor": 13920,
     "stages": 32706,
-    "study": 9297,
+    "study": 9197,
     "tests": 419390,
     "theory": 13847,
 }

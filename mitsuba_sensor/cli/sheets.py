@@ -98,7 +98,7 @@ def sheet(
     ~/.cache/mitsuba-sensor.
 
     Writes sheet.html, sheet.json and sheet.csv; --compare writes comparison.html, comparison.json and comparison.csv.
-    Exit code 1: a figure is not what theory says.
+    Exit code 1: a figure is not what theory says, of a compared sheet too.
     """
     from ..core import first_given
     from ..files.appearing import require_folder

@@ -52,7 +52,7 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
     """Error against run time of SCENE, of the render and of the sensor, and the setting to take.
 
     Bands, channels, denoising and variants against a reference of known error; engines, precisions and plans of the
-    sensor against NumPy in float64. Small pictures are enough (--width 48).
+    sensor against NumPy in float64, in frames of the scene's size. Small pictures are enough (--width 48).
     """
     from ..study.work_precision import SIDES
     from ..study.work_precision import work_precision as measured
@@ -88,7 +88,7 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
 def ablation(scene: arguments.Scene, **flags: Flag) -> None:
     """What each noise source and each feature of the render does to SCENE, and what leaving it out would save.
 
-    Every change of the frames is predicted by theory and measured in frames; the two must agree.
+    Changes are measured in frames with the same random numbers; those of the plan must keep its tolerance.
     """
     from ..core import first_given
     from ..study.ablation import ablation as measured
@@ -113,9 +113,9 @@ def ablation(scene: arguments.Scene, **flags: Flag) -> None:
 )
 @options.flags(StudyFlags)
 def stress(**flags: Flag) -> None:
-    """Extreme inputs on every engine: how far each result is from what must come, over how far it may be.
+    """Stiff and extreme cases on every engine: how far each result is from what must come, over how far it may be.
 
-    And by how much the last bit of an input in float32 moves a result (condition numbers). It takes some minutes.
+    It takes some minutes.
     """
     from ..study.stress import stress as measured
 

@@ -92,7 +92,6 @@ def _draw(picture: Picture, axes: Axes) -> float:
         return 1.0 + ROW_IN * len(picture.labels)
     else:
         picture.draw(axes)
-        return HEIGHT_IN * picture.rows
     return HEIGHT_IN
 
 

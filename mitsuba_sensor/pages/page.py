@@ -96,12 +96,11 @@ class Dots:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A picture that a function draws onto axes.  rows : of pictures in it; it is as many times as high."""
+    """A picture that a function draws onto axes."""
 
     title: str
     draw: Callable[[Axes], object]
     note: str = ""
-    rows: int = 1
 
 
 Picture = Plot | Dots | Drawing

@@ -18,6 +18,7 @@ from ..pages.page import Dots, Mark, MarkedRow, Section, Study, study_of, table
 from .kit import (
     QUANTITIES,
     Array,
+    Options,
     Progress,
     Subject,
     change_of_moments,
@@ -110,7 +111,7 @@ def sensor_section(
     frames, seed, serial = replicas
     cameras = {WHOLE: subject.camera, **dict(_reduced(subject.camera)), PLAN: subject.camera}
 
-    def options(case: str) -> dict[str, Any]:
+    def options(case: str) -> Options:
         return {"plan": plan if case == PLAN else None}
 
     def taken(case: str) -> list[np.ndarray]:
@@ -253,10 +254,10 @@ def _size(change: float, low: float, high: float) -> tuple[float, float, float] 
     return (size, max(size - half, 0.0), size + half) if size else None
 
 
-def features(subject: Subject, light: ms.Irradiance) -> dict[str, dict[str, Any]]:
+def features(subject: Subject, light: ms.Irradiance) -> dict[str, Options]:
     """Options of a render without each feature that the scene has; "camera" are changes of its file."""
     bands, width_nm = light.data.shape[2], float(light.bandwidths_nm[0])
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, Options] = {}
     if light.filters is None and bands > 1:
         found = {"bands twice as wide": {"bandwidth_nm": 2 * width_nm}}
         found["one band"] = {"bandwidth_nm": bands * width_nm}
@@ -275,7 +276,7 @@ def render_section(
 ) -> Section:
     """What the picture loses when the render is simpler, and what that saves."""
 
-    def rendered(camera: Mapping[str, Any], **options: Any) -> list[tuple[Array, float]] | None:
+    def rendered(camera: Options, **options: Any) -> list[tuple[Array, float]] | None:
         """Signal of every pixel up to the full well, (H, W) [DN], and seconds, of every pair."""
         changed, pairs = subject.camera.replace(**camera), []
         for pair in range(PAIRS):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,8 @@ from ..pages.html_page import html
 from ..pages.page import Study, Table
 
 Array = NDArray[np.float64]
+Options = dict[str, Any]
+"""Of a render, an exposure or a camera's datasheet, by name."""
 Task = Callable[[], object]
 """Something to be timed; an integer that it returns is how often it did its work."""
 Progress = Callable[[str, float], object]
@@ -39,7 +41,7 @@ class Subject:
     scene: str | os.PathLike[str]
     camera: ms.Camera
     exposure: ms.Exposure
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: Options = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.camera.readouts:
@@ -112,11 +114,6 @@ def change_of_moments(found: Array, other: Array) -> tuple[Array, Array]:
     least = np.sqrt(np.maximum(np.maximum(np.abs(value[1:]), error[1:]), np.finfo(float).tiny))
     unit = np.array([1.0, *np.maximum(roots, least)])
     return value / unit, error / unit
-
-
-def endless(photons: ms.Photons, subject: Subject, **options: Any) -> Iterator[Any]:
-    """Frames of one light, as long as they are asked for."""
-    return ms.stream(photons, subject.camera, subject.exposure, frames=2**31, **options)
 
 
 def run_study(

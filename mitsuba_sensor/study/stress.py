@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 import mitsuba_sensor as ms
 
 from ..files.texts import read_toml
 from ..pages.page import Dots, Mark, MarkedRow, Section, Study, Table, study_of, table
-from .kit import Progress, measured
+from .kit import Options, Progress, measured
 
 CASES = read_toml(Path(__file__).with_suffix(".toml"))
 SKY = Path(__file__).with_name("sky.xml")
@@ -52,7 +53,7 @@ class Engine(NamedTuple):
     precision: str = ""
 
     def expose(
-        self, light: Any, camera: ms.Camera, exposure: ms.Exposure = TENTH, **more: Any
+        self, light: ArrayLike, camera: ms.Camera, exposure: ms.Exposure = TENTH, **more: Any
     ) -> ms.Frames:
         """Frames of this engine."""
         asked = {"engine": self.option, "precision": self.precision, **more}
@@ -60,7 +61,7 @@ class Engine(NamedTuple):
 
     def render(self, spp: int, **parameters: float) -> ms.Irradiance:
         """A render of the sky, one band about 550 nm."""
-        asked: dict[str, Any] = {
+        asked: Options = {
             "wavelength_nm": 550.0,
             "variant": self.option,
             "denoise": False,
@@ -198,7 +199,7 @@ def counts_off(mean_e: float, engine: Engine) -> float:
     return float(np.max(np.abs(found) / allowed))
 
 
-def moments_off(mean_e: float, changes: Mapping[str, Any], engine: Engine) -> float:
+def moments_off(mean_e: float, changes: Options, engine: Engine) -> float:
     """Mean and temporal variance of several frames, averaged over the pixels, beside their exact law."""
     camera = quiet(**changes)
     if engine.precision == "float32" and camera.adc.bits > 23:
@@ -212,7 +213,7 @@ def moments_off(mean_e: float, changes: Mapping[str, Any], engine: Engine) -> fl
     return float(np.max(np.abs([one.mean() for one in off]) / (SIGMAS * errors + LEFT_DN)))
 
 
-def float64_off(changes: Mapping[str, Any], engine: Engine) -> float:
+def float64_off(changes: Options, engine: Engine) -> float:
     """Largest difference from float64's frame, which may be 1 DN."""
     light, camera = np.full((3, 4), 1000.0), table1(**changes)
     exact = ms.expose(light, camera, TENTH, engine="numpy", precision="float64").digital

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -19,17 +19,17 @@ from ..pages.page import Line, Mark, MarkedRow, Plot, Section, Study, line, stud
 from .kit import (
     QUANTITIES,
     Array,
+    Options,
     Progress,
     Subject,
     change_of_moments,
-    endless,
     measured,
     moments,
     time_in_turns,
 )
 
 SIDES = ("render", "sensor")
-RENDERS: dict[str, dict[str, Any]] = {
+RENDERS: dict[str, Options] = {
     "as shipped": {},
     "one band": {"bandwidth_nm": 470.0},
     "channels": {"spectral": "channels"},
@@ -140,7 +140,7 @@ def rendered(subject: Subject, seed: int, **options: Any) -> tuple[Array, ms.Irr
     return np.asarray(detected.mean_e, np.float64), light
 
 
-def reference_of(subject: Subject, settings: Mapping[str, dict[str, Any]]) -> Reference:
+def reference_of(subject: Subject, settings: Mapping[str, Options]) -> Reference:
     """A render of some seconds with channels, which have no error of bands, or with the bands as shipped."""
     has_channels = subject.camera.quantum_efficiency.quantum_yield is None
     options = settings["channels" if has_channels else "as shipped"]
@@ -193,7 +193,7 @@ def render_section(
 def ladder(
     subject: Subject,
     name: str,
-    options: dict[str, Any],
+    options: Options,
     exact: Reference,
     tolerance: float,
     seeds: int,
@@ -248,7 +248,7 @@ def _middle_first(seconds: Spread) -> tuple[float, float, float]:
     return seconds.median, seconds.low, seconds.high
 
 
-def typed_options(options: dict[str, Any], spp: int) -> str:
+def typed_options(options: Options, spp: int) -> str:
     """Options of a render as they are typed."""
     asked = {"spp": spp, **options}
     denoised = asked.pop("denoise", False)
@@ -284,7 +284,7 @@ def sensor_section(subject: Subject, progress: Progress) -> Section:
     """Frames of every engine, precision and plan against those of NumPy in float64 with the same random numbers."""
     progress("light", 0.0)
     photons = subject.photons(subject.render(1, spp=32, denoise=False))
-    settings, absent = dict[str, dict[str, Any]](), list[str]()
+    settings, absent = dict[str, Options](), list[str]()
     limits, plans = dict[str, float](), dict[float | None, Any]({None: None})
     for dn in filter(None, TOLERANCES_DN):
         plans[dn] = ms.plan(subject.camera, subject.exposure, photons, dn)
@@ -300,9 +300,9 @@ def sensor_section(subject: Subject, progress: Progress) -> Section:
             limits[name] = dn or FLOAT32_DN
     every = {REFERENCE: {"engine": "numpy", "precision": "float64"}, **settings}
     pixels = photons.mean.shape[0] * photons.mean.shape[1]
-    streams = {name: endless(photons, subject, **one) for name, one in every.items()}
-    tasks = {name: partial(_take, one) for name, one in streams.items()}
-    steps: dict[str, Any] = {
+    stream = partial(ms.stream, photons, subject.camera, subject.exposure, frames=2**31)
+    tasks = {name: partial(_take, stream(**options)) for name, options in every.items()}
+    steps: Options = {
         f"frames {name}": partial(_moments, photons, subject, options)
         for name, options in every.items()
     }
@@ -358,14 +358,14 @@ def sensor_section(subject: Subject, progress: Progress) -> Section:
     return Section(tuple(findings), not failed, (picture, shown), failed=tuple(failed))
 
 
-def _take(frames: Any) -> int:
+def _take(frames: Iterator[object]) -> int:
     """Several frames of a stream, of which the next is computed meanwhile; how many."""
     for _ in range(FRAMES_A_TURN):
         next(frames)
     return FRAMES_A_TURN
 
 
-def _moments(photons: ms.Photons, subject: Subject, options: dict[str, Any]) -> Array:
+def _moments(photons: ms.Photons, subject: Subject, options: Options) -> Array:
     """Moments of the frames of every sensor."""
     taken = [
         ms.expose(

@@ -115,7 +115,7 @@ def test_the_command_writes_page_json_and_csv_and_renders_once(
     assert [row["symbol"] for row in table] == [row["symbol"] for row in sheet["rows"]]
     assert float(table[0]["value"]) == sheet["rows"][0]["value"]
     page = (tmp_path / "first" / "sheet.html").read_text(encoding="utf-8")
-    assert "Overview" in page and "render noise of the light" in page
+    assert "MTF versus spatial frequency" in page and "render noise of the light" in page
     monkeypatch.setattr(light, "render", None)
     again = run(tiny_file, "-o", str(tmp_path / "second"), *charts, "--json")
     assert again.exit_code == 0, again.output

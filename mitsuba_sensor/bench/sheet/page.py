@@ -43,8 +43,6 @@ OF_TABLE = (
     "z: distance from theory in standard errors. A row fails if the figure is farther from theory, or from the range "
     "in which single sensor units lie, than chance allows for so many figures: once in 100 sheets."
 )
-CHARTS_OF_ROW, WIDTH = 3, 0.72
-"""Charts side by side in the overview, and the share of a place that is drawn on."""
 TRENDS = "K", "σ_d", "µ_I.mean", "DSNU1288", "DR", "MTF50"
 """Figures that are drawn over the temperature."""
 KELVINS = 33
@@ -56,42 +54,12 @@ def sheet_study(name: str, parts: Sequence[ChartPart], **about: object) -> Study
     rows = list(rows_of(parts))
     limit = z_limit(sum(bool(row.beside) for row in rows))
     charts = list(dict.fromkeys(part.name for part in parts))
-    first = [part for part in parts if part.setting == parts[0].setting]
-    note = f"At {parts[0].setting}: above a frame of each chart, below the first plot."
-    lines = math.ceil(len(first) / CHARTS_OF_ROW)
-    overview = Drawing("Overview", partial(draw_overview, first), note, lines)
-    sections = [Section((), True, (overview,))]
-    sections += [
-        _section([part for part in parts if part.name == one], limit) for one in charts
+    sections = [
+        _section([part for part in parts if part.name == chart], limit) for chart in charts
     ]
     figures = [row.to_dict() | {"mark": mark_of(row, limit)} for row in rows]
     title = f"Image quality of {name}"
     return study_of("sheet", title, sections, rows=figures, z_limit=limit, **about)
-
-
-def draw_overview(parts: Sequence[ChartPart], ax: Axes) -> None:
-    """A frame and a plot below it for every chart, three side by side."""
-    ax.set_axis_off()
-    height = 1 / math.ceil(len(parts) / CHARTS_OF_ROW)
-    for number, part in enumerate(parts):
-        row, column = divmod(number, CHARTS_OF_ROW)
-        left, bottom, width = (
-            column / CHARTS_OF_ROW,
-            1 - (row + 1) * height,
-            WIDTH / CHARTS_OF_ROW,
-        )
-        if part.picture is not None:
-            above = ax.inset_axes((left, bottom + 0.55 * height, width, 0.36 * height))
-            above.imshow(mean_of_tiles(part.picture, part.tile), cmap="gray", vmin=0)
-            above.set_title(part.name, fontsize=9)
-            above.set_axis_off()
-        for title, entries in list(part.drawings.items())[:1]:
-            below = ax.inset_axes((left, bottom + 0.08 * height, width, 0.36 * height))
-            draw_filters(entries, below)
-            below.set_title(title if part.picture is not None else part.name, fontsize=7)
-            below.tick_params(labelsize=6)
-            below.set_xlabel(below.get_xlabel(), fontsize=6)
-            below.set_ylabel(below.get_ylabel(), fontsize=6)
 
 
 def draw_filters(entries: Sequence[tuple[str, Draw, Draw | None]], ax: Axes) -> None:
