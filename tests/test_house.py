@@ -245,7 +245,9 @@ def test_imports_go_one_way() -> None:
 def test_imports_between_the_folders_of_render_go_one_way() -> None:
     """Lazy imports count, annotations do not."""
     place = {f"render/{name}": number for number, name in enumerate(ORDER_OF_RENDER)}
-    folders = {path: name_of(path.parent) for path in MODULES if "render/" in name_of(path.parent)}
+    folders = {
+        path: name_of(path.parent) for path in MODULES if "render/" in name_of(path.parent)
+    }
     assert {*folders.values()} == {*place}
     wrong = [
         f"{name_of(path)} imports {imported}"
@@ -498,7 +500,7 @@ TOKENS_MAX = {
     "sensor": 13925,
     "stages": 32746,
     "study": 9197,
-    "tests": 370314,
+    "tests": 370233,
     "theory": 14658,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

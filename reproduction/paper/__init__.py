@@ -44,7 +44,9 @@ def measure_paper(progress: Progress, size: Size = FULL) -> Study:
         transfer.section({name: found[key] for name, key in curves.items()}),
         pattern.prnu_section(found["PRNU"], size),
         pattern.f_section({row: found[key] for row, key in whiteness.items()}, size),
-        dark.section({law: found[key] for law, key in laws.items()}, found["dark current"], size),
+        dark.section(
+            {law: found[key] for law, key in laws.items()}, found["dark current"], size
+        ),
         _gaps(),
     ]
     return study_of("paper", TITLE, sections)

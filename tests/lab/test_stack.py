@@ -36,8 +36,6 @@ def test_mean_and_variance_are_those_of_numpy_whatever_the_strips(
     )
 
 
-
-
 def test_each_place_of_a_mosaic_is_a_stack_of_its_own_pixels() -> None:
     frames = np.zeros((2, 4, 6), np.uint16)
     (
@@ -57,8 +55,6 @@ def test_each_place_of_a_mosaic_is_a_stack_of_its_own_pixels() -> None:
     assert all(
         np.shares_memory(part.frames, frames) and not part.tile for part in parts.values()
     )
-
-
 
 
 def test_a_quantity_reads_as_a_sentence_and_scales_with_its_interval() -> None:
