@@ -15,8 +15,8 @@ from helpers.scenes import SKY, scene_text, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.output.exr import read_aovs_exr, read_irradiance_exr
+from mitsuba_sensor.render.load.scene import Scene
 from mitsuba_sensor.render.motion.aovs import render_aovs
-from mitsuba_sensor.render.scene.scene import Scene
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.05)
 RENDER = {"spp": 16, "wavelength_nm": 550.0, "variant": "scalar_spectral"}

@@ -45,6 +45,8 @@ ORDER = (
 )
 """A sub-package may import those of its own place and those before it."""
 PLACE = {name: number for number, names in enumerate(ORDER) for name in names}
+ORDER_OF_RENDER = ("light", "scene", "lint", "load", "motion", "denoise", "passes", "plugins")
+"""A folder of render/ may import those before it."""
 TOP = "mitsuba_sensor"
 
 IMPORTED_IN = {
@@ -55,7 +57,7 @@ IMPORTED_IN = {
     "PIL": ("files/png.py", "files/webp.py", "files/raw_files.py", "output/contact_sheet.py"),
     "rawpy": ("files/raw_files.py",),
     "astropy": ("files/raw_files.py",),
-    "matplotlib": ("pages/drawing.py",),
+    "matplotlib": ("pages/drawing.py", "core/plots.py"),
     "jinja2": ("core/html.py",),
     "colour": ("optics/spectra.py",),  # 2 s, 170 MB: not for renders and previews
     "colour_demosaicing": (),
@@ -124,7 +126,7 @@ READERS = (
     "render/scene/parse_scene.py",
     "render/scene/parsed_scene.py",
     "optics/spectra.py",
-    "render/motion/motion.py",
+    "render/scene/motion.py",
 )
 """Files are read in files/ and output/, and: a camera's own text, scenes, tables of spectra, the bytes that name the
 LLVM and the processor here."""
@@ -240,6 +242,22 @@ def test_imports_go_one_way() -> None:
     assert not wrong, wrong
 
 
+def test_imports_between_the_folders_of_render_go_one_way() -> None:
+    """Lazy imports count, annotations do not."""
+    place = {f"render/{name}": number for number, name in enumerate(ORDER_OF_RENDER)}
+    folders = {
+        path: name_of(path.parent) for path in MODULES if "render/" in name_of(path.parent)
+    }
+    assert {*folders.values()} == {*place}
+    wrong = [
+        f"{name_of(path)} imports {imported}"
+        for path, mine in folders.items()
+        for imported in modules_imported(path)
+        if place.get("/".join(imported.split(".")[1:3]), 0) > place[mine]
+    ]
+    assert not wrong, wrong
+
+
 def test_no_imports_go_round_in_a_circle() -> None:
     """Not even by an import inside a function."""
     graph = {
@@ -249,15 +267,17 @@ def test_no_imports_go_round_in_a_circle() -> None:
     graphlib.TopologicalSorter(graph).prepare()  # raises CycleError, with the circle
 
 
-STUDIES = ("study/work_precision/", "study/ablation/", "study/stress/")
+STUDIES = ("study/work_precision.py", "study/ablation.py", "study/stress.py")
 
 
 def test_studies_import_only_the_public_api() -> None:
-    """Beside it their kit and pages, and estimates with intervals of the laboratory."""
+    """Beside it their kit and pages, estimates with intervals of the laboratory, and TOML."""
     beside = (
         "mitsuba_sensor.study.",
         "mitsuba_sensor.pages.",
         "mitsuba_sensor.lab.statistics.estimators.",
+        "mitsuba_sensor.lab.quantity.student_interval",
+        "mitsuba_sensor.files.texts.read_toml",
     )
     wrong = []
     for path in MODULES:
@@ -410,7 +430,7 @@ def test_the_public_api_has_at_most_44_names() -> None:
 
 def test_importing_the_package_chooses_llvm_and_adds_one_finder() -> None:
     """And changes nothing else. The finder registers the plugins when Mitsuba is imported, and takes itself out
-    (docs/plugins.md)."""
+    (docs/scene.md)."""
     code = (
         "import os, sys; before = dict(os.environ); finders, hooks = list(sys.meta_path), list(sys.path_hooks)\n"
         "import mitsuba_sensor\n"
@@ -461,27 +481,27 @@ def test_help_cameras_and_completion_import_only_what_they_show() -> None:
 LINES_OF_A_MODULE, PARAMETERS = 420, 8
 
 TOKENS_MAX = {
-    ".": 7984,
-    "bench": 26063,
-    "benchmarks": 31408,
-    "camera": 24754,
-    "cli": 25506,
-    "core": 24196,
+    ".": 8068,
+    "bench": 23014,
+    "benchmarks": 31943,
+    "camera": 24826,
+    "cli": 25398,
+    "core": 24340,
     "dataset": 45321,
-    "examples": 8985,
-    "files": 18854,
+    "examples": 8782,
+    "files": 19269,
     "gradient": 4248,
-    "lab": 72741,
+    "lab": 68343,
     "optics": 17471,
-    "output": 25268,
-    "pages": 3609,
-    "render": 82245,
-    "reproduction": 12153,
+    "output": 25663,
+    "pages": 3287,
+    "render": 79631,
+    "reproduction": 12087,
     "sensor": 13925,
-    "stages": 32706,
-    "study": 16912,
-    "tests": 385991,
-    "theory": 13847,
+    "stages": 32746,
+    "study": 9197,
+    "tests": 370204,
+    "theory": 14658,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
 TOKENS_SLACK = 0.03

@@ -17,7 +17,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr, transmittance
 from mitsuba_sensor.optics.intrinsics import View, aperture_f_number, intrinsics, magnification
 from mitsuba_sensor.render.light.bands import box_bands
-from mitsuba_sensor.render.scene.scene import Scene, load_scene
+from mitsuba_sensor.render.load.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
 CAMERA = ms.load_camera("konnik_table1")
