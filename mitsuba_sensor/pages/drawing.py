@@ -72,11 +72,14 @@ def _drawn(picture: Picture, **options: Any) -> bytes:
         unique = dict(zip(labels, handles, strict=True))
         if unique:
             columns = 2 if max(map(len, unique)) > LONG_LABEL else min(4, len(unique))
-            below = {
-                "loc": "upper center",
-                "bbox_to_anchor": (0.5, -0.55 / figure.get_figheight()),
-            }
-            axes.legend(unique.values(), unique.keys(), ncols=columns, **below)
+            place = 0.5, -0.55 / figure.get_figheight()
+            axes.legend(
+                list(unique.values()),
+                list(unique),
+                ncols=columns,
+                loc="upper center",
+                bbox_to_anchor=place,
+            )
         if options["format"] == "png":
             axes.set_title(picture.title, loc="left", fontsize=10.5)
         figure.savefig(buffer, bbox_inches="tight", **options)

@@ -58,7 +58,9 @@ class Line:
 
 def line(label: str, points: Sequence[tuple[float, ...]], **style: Any) -> Line:
     """A line through points (x, y), (x, y, error) or (x, y, error, x_error)."""
-    return Line(label, *(tuple(values) for values in zip(*points, strict=True)), **style)
+    names = "x", "y", "error", "x_error"
+    columns = dict(zip(names, map(tuple, zip(*points, strict=True)), strict=False))
+    return Line(label, **columns, **style)
 
 
 @dataclass(frozen=True)
@@ -163,9 +165,7 @@ class Study(Section):
         return {**about, **self.data, "parts": parts}
 
 
-def study_of(
-    name: str, title: str, sections: Sequence[Section], checked: bool = True, **data: object
-) -> Study:
+def study_of(name: str, title: str, sections: Sequence[Section], **data: object) -> Study:
     """Sections as one study."""
     return Study(
         tuple(finding for section in sections for finding in section.findings),
@@ -176,5 +176,4 @@ def study_of(
         data,
         failed=tuple(one for section in sections for one in section.failed),
         missing=tuple(dict.fromkeys(one for section in sections for one in section.missing)),
-        checked=checked,
     )

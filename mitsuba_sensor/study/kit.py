@@ -127,7 +127,7 @@ def run_study(
     require_folder(folder)
     began, load = time.perf_counter(), f"{os.getloadavg()[0]:.1f} other processes at the start"
     outcome = study(progress)
-    made = {"machine": machine(), "load": load, "versions": versions()}
+    made: dict[str, object] = {"machine": machine(), "load": load, "versions": versions()}
     made["seconds"] = round(time.perf_counter() - began, 1)
     outcome = replace(outcome, data={**outcome.data, **about, **made})
     pictures = [part for part in outcome.parts if not isinstance(part, Table)]

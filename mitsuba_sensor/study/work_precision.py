@@ -37,7 +37,11 @@ RENDERS: dict[str, Options] = {
 }
 """Options of a render; the first is compared on every variant."""
 VARIANTS = "cuda_ad_spectral", "llvm_ad_spectral", "scalar_spectral"
-ENGINES = ("numpy", "float32"), ("drjit", "float32"), ("cuda", "float32")
+ENGINES: tuple[tuple[Any, str], ...] = (
+    ("numpy", "float32"),
+    ("drjit", "float32"),
+    ("cuda", "float32"),
+)
 TOLERANCES_DN: tuple[float | None, ...] = None, 0.02, 1.0
 """Of plans; None is the whole chain."""
 REFERENCE = "NumPy float64"
@@ -291,13 +295,16 @@ def sensor_section(subject: Subject, progress: Progress) -> Section:
     for engine, precision in ENGINES:
         try:
             ms.expose(np.ones((1, 1)), subject.camera, subject.exposure, engine=engine)
-        except ms.InputError as error:
-            absent.append(f"Not measured on this machine: engine {engine} ({str(error)[:-1]}).")
+        except ms.InputError as problem:
+            absent.append(
+                f"Not measured on this machine: engine {engine} ({str(problem)[:-1]})."
+            )
             continue
-        for dn in TOLERANCES_DN:
-            name = f"{engine} {precision}" + ("" if dn is None else f", plan {dn:g} DN")
-            settings[name] = {"engine": engine, "precision": precision, "plan": plans[dn]}
-            limits[name] = dn or FLOAT32_DN
+        for tolerance_dn, plan in plans.items():
+            name = f"{engine} {precision}"
+            name += f", plan {tolerance_dn:g} DN" if tolerance_dn else ""
+            settings[name] = {"engine": engine, "precision": precision, "plan": plan}
+            limits[name] = tolerance_dn or FLOAT32_DN
     every = {REFERENCE: {"engine": "numpy", "precision": "float64"}, **settings}
     pixels = photons.mean.shape[0] * photons.mean.shape[1]
     stream = partial(ms.stream, photons, subject.camera, subject.exposure, frames=2**31)

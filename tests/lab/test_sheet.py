@@ -29,6 +29,7 @@ from mitsuba_sensor.bench.sheet.sheet import (
     simulated_sheet,
 )
 from mitsuba_sensor.cli import app
+from mitsuba_sensor.files.user_cache import kept_file
 from mitsuba_sensor.lab.frames.bench import Bench
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.image_quality.slanted_edge import slanted_edge
@@ -154,7 +155,7 @@ def test_light_depends_on_the_optics_and_the_chart_and_on_nothing_else() -> None
 def test_a_file_of_light_that_is_broken_is_rendered_again() -> None:
     scene = chosen_charts(["steps"])[0].scenes(TINY)[0]
     rendered = light_of(scene, TINY)
-    (file,) = (light.cache_file(scene, TINY),)
+    file = kept_file(light.kept_name(scene, TINY))
     file.write_bytes(file.read_bytes()[:100])
     np.testing.assert_array_equal(light_of(scene, TINY).data, rendered.data)
 
