@@ -138,15 +138,21 @@ class Study(Section):
 
     @property
     def verdict(self) -> str:
-        """The headline: that all checks passed, or which failed, and what was not measured."""
+        """That all checks passed, or which failed, and what was not measured."""
         verdicts = []
         if not self.passed:
-            verdicts.append("✗ some checks failed")
+            verdicts.append("some checks failed")
             if self.failed:
                 verdicts[0] += f": {', '.join(self.failed)}"
         if self.missing:
             verdicts.append(f"not measured: {', '.join(self.missing)}")
-        return "; ".join(verdicts) or ("✓ all checks passed" if self.checked else "")
+        return "; ".join(verdicts) or ("all checks passed" if self.checked else "")
+
+    @property
+    def headline(self) -> str:
+        """The verdict with its sign."""
+        sign = "✗ " if not self.passed else "✓ " if self.verdict and not self.missing else ""
+        return sign + self.verdict
 
     def to_dict(self) -> dict[str, Any]:
         """The values of study.json; numbers of drawings are in the data."""
