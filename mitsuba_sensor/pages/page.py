@@ -58,9 +58,9 @@ class Line:
 
 def line(label: str, points: Sequence[tuple[float, ...]], **style: Any) -> Line:
     """A line through points (x, y), (x, y, error) or (x, y, error, x_error)."""
-    names = "x", "y", "error", "x_error"
-    columns = dict(zip(names, map(tuple, zip(*points, strict=True)), strict=False))
-    return Line(label, **columns, **style)
+    x, y, *rest = (tuple(values) for values in zip(*points, strict=True))
+    error, x_error = (*rest, (), ())[:2]
+    return Line(label, x, y, error, x_error, **style)
 
 
 @dataclass(frozen=True)

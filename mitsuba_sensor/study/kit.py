@@ -125,7 +125,9 @@ def run_study(
 ) -> Study:
     """Run a study and write its page, its numbers and its first picture, or every picture."""
     require_folder(folder)
-    began, load = time.perf_counter(), f"{os.getloadavg()[0]:.1f} other processes at the start"
+    began, load = time.perf_counter(), "unknown"
+    if hasattr(os, "getloadavg"):  # not on Windows
+        load = f"{os.getloadavg()[0]:.1f} processes were running when the study began"
     outcome = study(progress)
     made: dict[str, object] = {"machine": machine(), "load": load, "versions": versions()}
     made["seconds"] = round(time.perf_counter() - began, 1)

@@ -426,6 +426,14 @@ def test_a_monochrome_camera_is_compared_with_every_filter_and_red_rows_are_coun
     assert any("MTF(0.5)" in str(part) for part in study.parts[-1].rows)  # type: ignore[union-attr]
 
 
+def test_a_figure_without_an_interval_is_named_and_not_compared() -> None:
+    open_end = sheet_row("emva", "", "DR", 50.0) | {"high": None}
+    sheets = [Sheet(name, [sheet_row("emva", "", "K", 0.5), open_end]) for name in "ab"]
+    study = compared(*sheets)
+    assert [row["symbol"] for row in study.data["rows"]] == ["K"]
+    assert "DR" in str(study.parts[-1].rows) and study.headline == ""  # type: ignore[union-attr]
+
+
 def test_sheets_without_a_common_figure_are_refused() -> None:
     one, other = (Sheet(name, [sheet_row(name, "", "K", 1.0)]) for name in "ab")
     with pytest.raises(ms.InputError, match="no figure in common"):

@@ -108,7 +108,9 @@ def _pairs(first: Sequence[Facts], second: Sequence[Facts]) -> Iterator[tuple[Fa
     for row in first:
         for other in second:
             filters = {row["filter"], other["filter"]}
-            if place(row, 0) == place(other, 1) and (len(filters) == 1 or "" in filters):
+            if place(row, 0) != place(other, 1) or (len(filters) > 1 and "" not in filters):
+                continue
+            if None not in (row["low"], row["high"], other["low"], other["high"]):
                 yield row, other
 
 

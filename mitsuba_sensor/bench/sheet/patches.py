@@ -114,8 +114,9 @@ def patches_of(facts: Facts) -> tuple[list[Region], list[float]]:
 
 def _is_region(value: object) -> bool:
     """Return True for four whole numbers of at least 0."""
-    is_four = isinstance(value, list) and len(value) == 4
-    return is_four and all(type(number) is int and number >= 0 for number in value)
+    if not isinstance(value, list) or len(value) != 4:
+        return False
+    return all(type(number) is int and number >= 0 for number in value)
 
 
 def behind_one_filter(regions: Sequence[Region], step: tuple[int, int]) -> list[Region]:
