@@ -49,8 +49,8 @@ FINER = 4.0
 """The reference must be so many times finer than the tolerance."""
 REFERENCE_S, RUN_S = 8.0, 0.6
 """Longest reference, and longest render of a ladder [s]."""
-SPP_MIN, RUNGS = 16, 7
-"""Samples of the first rung, each of the next has three times as many, and the most rungs."""
+SPP_MIN, RUNGS_MIN, RUNGS = 16, 3, 7
+"""Samples of the first rung, each of the next has three times as many; fewest and most rungs."""
 DARKEST = 0.1
 """Of the mean light: the errors of darker pixels are relative to this, or they would be all."""
 TURNS, SENSORS, FRAMES, FRAMES_A_TURN = 7, 16, 2, 4
@@ -220,7 +220,9 @@ def ladder(
             scatter = statistics.stdev(squares) / math.sqrt(seeds) / (2 * error)
             typed = typed_options(options, light.statistics.samples_per_pixel)
             points.append(Point(name, typed, spread(seconds), error, scatter))
-        if square < tolerance**2 or statistics.median(seconds) > RUN_S:
+        if square <= exact.error**2 or error + scatter <= tolerance:
+            break
+        if len(points) >= RUNGS_MIN and statistics.median(seconds) > RUN_S:
             break
     return points
 
@@ -238,7 +240,7 @@ def recommended(
         )
     best = fastest(points, tolerance)
     if best is None:
-        return None, f"{goal}, no measured setting suffices within {RUN_S:g} s a render."
+        return None, f"{goal}, none of the measured settings suffices."
     return best, f"{goal}, render with {best.options}: {best.seconds.median:.2g} s."
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.marks import exhaustive, one_in
+from helpers.marks import exhaustive
 from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
@@ -440,11 +440,17 @@ def test_sheets_without_a_common_figure_are_refused() -> None:
         compared(one, other)
 
 
-@pytest.mark.parametrize("seed", one_in(20, range(40)))
-def test_a_right_camera_has_all_checks_passed(seed: int) -> None:
-    """Cameras at random, of small windows; each fails once in 100 sheets by chance, here the seeds are fixed."""
+@pytest.mark.parametrize(
+    ("seed", "charts"),
+    [(34, ("steps", "led", "grey")), *(exhaustive(seed, ()) for seed in range(40))],
+)
+def test_a_right_camera_has_all_checks_passed(seed: int, charts: tuple[str, ...]) -> None:
+    """Cameras at random, of small windows: of 40 right ones at most one would fail by chance in 14 of 15 runs; the
+    seeds are fixed. Read noise is from 0.005 to 20 DN, that of seed 34 is 0.07 DN."""
     camera = random_camera(seed)
-    parts = simulated_sheet(camera, [setting(camera, seed)], CHARTS, lambda *_: None)
+    parts = simulated_sheet(
+        camera, [setting(camera, seed)], chosen_charts(charts), lambda *_: None
+    )
     study = sheet_study(camera.name, parts)
     assert study.passed, study.findings
 
