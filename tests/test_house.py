@@ -460,7 +460,7 @@ TOKENS_MAX = {
     "examples": 11859,
     "files": 18854,
     "gradient": 4248,
-    "lab": 68343,
+    "lab": 68364,
     "optics": 17471,
     "output": 25268,
     "pages": 3609,
@@ -469,7 +469,7 @@ TOKENS_MAX = {
     "sensor": 13920,
     "stages": 32706,
     "study": 16912,
-    "tests": 415687,
+    "tests": 415886,
     "theory": 13847,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
