@@ -41,7 +41,10 @@ def colours(planes: Any, **options: Any) -> Any:
 
 INSTRUMENTS: dict[str, tuple[Callable[[Any], Any], np.ndarray]] = {
     "slanted_edge": (lab.slanted_edge, SMALL),
-    "slanted_edge, flat": (lambda flat: lab.slanted_edge(SMALL, flat=flat), 100 + NOISE[:48, :48]),
+    "slanted_edge, flat": (
+        lambda flat: lab.slanted_edge(SMALL, flat=flat),
+        100 + NOISE[:48, :48],
+    ),
     "siemens_star": (lambda star: lab.siemens_star(star, 24), STAR),
     "dead_leaves": (lambda frames: lab.dead_leaves(frames, LEAVES), LEAVES),
     "dead_leaves, chart": (lambda chart: lab.dead_leaves(LEAVES, chart), LEAVES),

@@ -46,5 +46,3 @@ def test_frames_without_a_distribution_are_marked() -> None:
     assert "only 3 different values" in coarse.note
     with pytest.raises(ms.InputError, match="of 16 or more"):
         measured(np.arange(5.0))
-
-

@@ -81,8 +81,6 @@ def test_without_photons_k_stays_and_what_needs_photons_says_why() -> None:
     assert alike["K"].covers(0.3) and "tell the levels apart" in alike["R"].note
 
 
-
-
 def test_a_window_measures_the_centre() -> None:
     darks, flats = bench(11, shape=(64, 64))
     edge = [replace(one, frames=one.frames.copy()) for one in flats]
@@ -90,14 +88,6 @@ def test_a_window_measures_the_centre() -> None:
         one.frames[:, :8] = 0  # vignetting, at its worst
     found = emva_linear(darks, edge, window=40)
     assert found["K"].covers(0.3) and found["R"].covers(0.18) and not found.notes
-
-
-
-
-
-
-
-
 
 
 @pytest.mark.parametrize(

@@ -32,8 +32,6 @@ def test_intervals_cover_what_went_in_95_times_in_100() -> None:
         assert power.mean() == pytest.approx(known**2, abs=4.5 * power.std() / 20)
 
 
-
-
 @pytest.mark.parametrize("sigma_dn", [0.4, 2.0])
 def test_dark_noise_of_pairs_with_row_noise_has_intervals_that_hold(sigma_dn: float) -> None:
     """120 pairs of 32 × 40 pixels whose rows share as much noise as each pixel has: 88 of 100 intervals hold σ, or

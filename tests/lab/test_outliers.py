@@ -43,8 +43,6 @@ def test_hot_pixels_do_not_hide_prnu(count: int) -> None:
     assert "% with them" in found.prnu.note and "DN with them" in found.dsnu.note
 
 
-
-
 def test_hot_pixels_do_not_hide_columns_in_a_spectrogram_or_a_slope_in_a_profile() -> None:
     """Only columns: F is 1.44; 40 hot pixels made the spectrum white. A slope of 5 DN has an interval of ±1 DN."""
     rng = np.random.default_rng(2)

@@ -62,8 +62,6 @@ def test_a_scene_gives_k_and_ends_at_what_limits_it(
     assert ("no dark frames" in found.gain.note) == (not dark)
 
 
-
-
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("curve", [v_v, v_v_and_adc])
 def test_a_curved_response_widens_k_to_its_slope_at_zero_and_says_so(curve: object) -> None:
@@ -72,8 +70,6 @@ def test_a_curved_response_widens_k_to_its_slope_at_zero_and_says_so(curve: obje
     assert found.gain.value > 1.008 * 0.11 and found.gain.covers(0.11)
     assert "not straight" in found.gain.note or "may be curved" in found.gain.note
     assert found.initial_gain.covers(0.11)
-
-
 
 
 def test_a_scene_below_saturation_says_so_and_dark_frames_of_another_size_are_refused() -> None:

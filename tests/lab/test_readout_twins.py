@@ -27,8 +27,6 @@ def twins(camera: ms.Camera) -> ms.lab.ReadoutTwins:
     return ms.lab.fit_readouts(benches)
 
 
-
-
 @pytest.mark.exhaustive
 def test_the_twin_combines_like_the_camera(
     camera: ms.Camera, twins: ms.lab.ReadoutTwins
@@ -55,7 +53,3 @@ def test_the_twin_combines_like_the_camera(
         sigma_e.append(np.sqrt(variance) / stage.nominal_gain)
     np.testing.assert_allclose(mean_e[1], mean_e[0], rtol=0.02)
     np.testing.assert_allclose(sigma_e[1], sigma_e[0], rtol=0.03)
-
-
-
-
