@@ -460,7 +460,7 @@ TOKENS_MAX = {
     "examples": 11859,
     "files": 18854,
     "gradient": 4248,
-    "lab": 68364,
+    "lab": 68141,
     "optics": 17471,
     "output": 25268,
     "pages": 3609,
