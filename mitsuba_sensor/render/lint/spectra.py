@@ -189,8 +189,10 @@ def values_of_part(scene: ParsedScene, part: Part, band_nm: Range) -> Float64Arr
             grid = mitsuba().VolumeGrid(str(file))
         return np.zeros(0) if grid is None else np.array([float(grid.max())])
     nm, values = part.table
-    if nm is None or nm.shape != values.shape:
-        return values if nm is None else np.zeros(0)
+    if nm is None:
+        return values
+    if not nm.size or nm.shape != values.shape:
+        return np.zeros(0)
     ends = np.interp(band_nm, nm, values, left=0.0, right=0.0)
     return np.concatenate([values[(nm >= band_nm[0]) & (nm <= band_nm[1])], ends])
 
