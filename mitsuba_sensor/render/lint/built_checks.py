@@ -166,7 +166,7 @@ def media(subject: Subject, built: Built) -> Found:
     elif (around := _medium_around(built)) is not sensor.get_medium():
         if around is None:
             what = "the sensor refers to a medium and is outside of it"
-            remedy = "leave the reference out"
+            remedy = "remove the reference"
         else:
             what = "the sensor is inside a medium without a reference to it, and sees as through a vacuum"
             remedy = f'add <ref name="medium" id="{around.id()}"/> to the sensor'

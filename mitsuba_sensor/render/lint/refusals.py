@@ -18,7 +18,11 @@ from .finding import Finding, lines_of
 from .spectra import Range
 
 PICTURES = ("bitmap", "envmap")  # whose file is one
-SOURCES = ("filename", "bitmap", "data")  # of a bitmap; without one Mitsuba 3.9.1 ends the process
+SOURCES = (
+    "filename",
+    "bitmap",
+    "data",
+)  # of a bitmap; without one Mitsuba 3.9.1 ends the process
 MESH_ATTRIBUTE = "mesh_attribute"  # texture
 ATTRIBUTES_TAKEN = re.compile(r'MeshAttribute\[\s*name = "([^"]*)"')
 """In what Mitsuba prints of a material."""

@@ -165,9 +165,10 @@ def _parts(
         yield Part(owner, key, is_inside, "table")
 
 
-def light_range(emitter: MitsubaObject, properties: Iterable[Property]) -> Range:
-    """Return the wavelengths at which an emitter can shine; a colour or float that stands in it is times D65."""
-    kind, own = emitter.props.plugin_name(), [one for one in properties if one.node == emitter]
+def light_range(emitter: MitsubaObject, own: Iterable[Property]) -> Range:
+    """Return the wavelengths at which an emitter can shine, by its properties; a colour or a float that stands in the
+    emitter is multiplied by D65."""
+    kind = emitter.props.plugin_name()
     strengths = [one for one in own if one.role in STRENGTHS]
     if kind in SUNS:
         return SUN_NM

@@ -104,11 +104,8 @@ def colours(subject: Subject) -> Found:
         )
         what = f"{what}; {subject.beyond(data_nm)}"
         yield Finding("wrong", subject.lines(nodes), what, "give measured spectra", data_nm)
-    lamps = [
-        colour.node for colour in all_colours if colour.is_light and colour.role in STRENGTHS
-    ]
-    if lamps:
-        lamps = [lamp for number, lamp in enumerate(lamps) if lamp not in lamps[:number]]
+    of_lamps = [one.node for one in all_colours if one.is_light and one.role in STRENGTHS]
+    if lamps := list({id(node): node for node in of_lamps}.values()):
         what = (
             f"a texture as a light in {places(len(lamps))} is not multiplied by D65, as <rgb> is: its white is flat, "
             f"and it shines beyond {MITSUBA_NM[1]:g} nm"

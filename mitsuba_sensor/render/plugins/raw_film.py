@@ -78,7 +78,7 @@ def _film_class(variant: str) -> MitsubaObject:
 
         def prepare(self, aovs: Any) -> int:
             """Called by an integrator that fills it with samples, which it cannot hold."""
-            way_out = "put the integrator of the scene into one, or leave output out for the light of each band"
+            way_out = "put the integrator of the scene into one, or omit output for the light of each band"
             raise InputError(
                 f'a photosensor of output "raw" needs <integrator type="raw_frame">; {way_out}.'
             )

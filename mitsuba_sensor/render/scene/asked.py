@@ -142,7 +142,7 @@ def refuse_many(name: str, groups: Collection[str], ids: Sequence[str] = ()) -> 
     if 0 < len(suggested) <= MOST_GROUPS:
         example = f"as the ids of this scene suggest, `{as_options(suggested)}` ({suggested})"
     raise InputError(
-        f"{name} makes {len(groups)} groups, each a render of its own; at most {MOST_GROUPS}: put several emitters "
+        f"{name} makes {len(groups)} groups, each a separate render; at most {MOST_GROUPS}: put several emitters "
         f"into one by patterns of their ids, {example}."
     )
 
