@@ -90,8 +90,8 @@ class Part:
         if self.kind == "irregular":
             return _listed(props.get("wavelengths", "")), values
         if all(name in props for name in ENDS):
-            ends_nm = [float(props[name]) for name in ENDS]
-            return np.linspace(*ends_nm, max(len(values), 2)), values
+            first_nm, last_nm = (float(props[name]) for name in ENDS)
+            return np.linspace(first_nm, last_nm, max(len(values), 2)), values
         return (np.array(MITSUBA_NM) if self.kind in LIMITED else None), values
 
     @property
@@ -220,7 +220,9 @@ def _pixels(scene: ParsedScene, props: MitsubaObject) -> Float64Array:
 def _listed(numbers: object) -> Float64Array:
     """Numbers that are written in one text, or a list already; none where one of them is no number."""
     listed = (
-        numbers.replace(",", " ").split() if isinstance(numbers, str) else np.ravel(numbers)
+        numbers.replace(",", " ").split()
+        if isinstance(numbers, str)
+        else np.array(numbers).ravel()
     )
     try:
         return np.array([float(number) for number in listed])

@@ -103,8 +103,8 @@ def checked_light_groups(name: str, given: object) -> AskedGroups:
     if texts is not None:
         by_group = dict[str, tuple[str, ...]]()
         for text in texts:
-            group, _, patterns = text.partition("=")
-            by_group[group.strip()] = (*by_group.get(group.strip(), ()), *_patterns(patterns))
+            name_of_group, _, ids = (part.strip() for part in text.partition("="))
+            by_group[name_of_group] = (*by_group.get(name_of_group, ()), *_patterns(ids))
         given = by_group
     if not isinstance(given, Mapping) or not given:
         raise InputError(f"{name} is {given!r}; pass {GROUP_EXAMPLE}.")
