@@ -92,7 +92,7 @@ def width_px(row: NDArray[np.float64]) -> float:
     )  # a difference of two pixels: 1/12 twice
 
 
-@both_variants
+@scalar_first
 @pytest.mark.parametrize("who", one_in(2, ["camera", "object"]))
 def test_a_moving_edge_blurs_by_speed_times_time(
     tmp_path: Path, who: str, variant: str
