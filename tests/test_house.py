@@ -480,12 +480,12 @@ TOKENS_MAX = {
     "optics": 17471,
     "output": 25268,
     "pages": 3609,
-    "render": 79744,
+    "render": 79768,
     "reproduction": 12153,
     "sensor": 13920,
     "stages": 32706,
     "study": 16912,
-    "tests": 422235,
+    "tests": 422239,
     "theory": 13847,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

@@ -86,7 +86,7 @@ def colours(subject: Subject) -> Found:
     textures as lights, which Mitsuba does not multiply by D65 as it does with <rgb> and envmap."""
     scene, (low_nm, high_nm) = subject.scene, subject.band_nm
     by_material: dict[str | None, list[MitsubaObject]] = {}
-    for colour, material in ruled_colours(scene, high_nm):
+    for colour, material in ruled_colours(scene, subject.properties, high_nm):
         by_material.setdefault(material and material.name, []).append(colour.node)
     for name, nodes in by_material.items():
         rule = f"keeps its value at {HELD_FROM_NM:g} nm"
@@ -96,7 +96,7 @@ def colours(subject: Subject) -> Found:
         rgb, data_nm = f"rgb in {places(len(nodes))}", (0.0, HELD_FROM_NM)
         what = f"beyond {HELD_FROM_NM:g} nm {rgb} {rule}; {subject.beyond(data_nm)}"
         yield Finding("note", subject.lines(nodes), what, remedy, data_nm, f"{rgb} {rule}")
-    all_colours, first_nm = rgb_colours(scene), MITSUBA_NM[0]
+    all_colours, first_nm = rgb_colours(scene, subject.properties), MITSUBA_NM[0]
     if all_colours and low_nm < first_nm:
         nodes, data_nm = [colour.node for colour in all_colours], (first_nm, math.inf)
         what = (
