@@ -166,7 +166,7 @@ def apply_infrared(scene: ParsedScene, low_nm: float, high_nm: float) -> None:
             node = mi.parser.SceneNode()
             node.type = mi.ObjectType.Texture
             scene.state.nodes.append(node)
-    # Walked again, because nodes move in memory when others are added.
+    # Found again, because nodes move in memory when others are added.
     for colour, material in ruled_colours(scene, properties_of(scene), high_nm):
         owner, key, is_constant = colour.part.owner, colour.part.key, colour.part.kind == "rgb"
         value = owner[key]

@@ -1,4 +1,4 @@
-"""The spectra of a parsed scene, found in one walk: where each can be above zero, and the numbers that it is made of.
+"""Spectra of a parsed scene: where each can be above zero, the numbers that it is made of, and tables of metals.
 
 The tables of the metals that Mitsuba 3.9 knows by name extend from about 300 to between 590 and 900 nm. Outside them
 it takes η = k = 0, which reflects everything, or is NaN at normal incidence; here their first and last values are held.
