@@ -482,7 +482,7 @@ LINES_OF_A_MODULE, PARAMETERS = 420, 8
 
 TOKENS_MAX = {
     ".": 8068,
-    "bench": 23014,
+    "bench": 23369,
     "benchmarks": 31940,
     "camera": 24826,
     "cli": 25398,
@@ -494,13 +494,13 @@ TOKENS_MAX = {
     "lab": 68141,
     "optics": 17471,
     "output": 25663,
-    "pages": 3287,
-    "render": 79631,
+    "pages": 3350,
+    "render": 79768,
     "reproduction": 12087,
     "sensor": 13925,
     "stages": 32746,
-    "study": 9197,
-    "tests": 370204,
+    "study": 9256,
+    "tests": 369694,
     "theory": 14658,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

@@ -131,7 +131,9 @@ def require_bounded(
                 inner = next((place for place in places if place.is_file()), None)
                 if inner is not None:  # else Mitsuba says so
                     require_small(inner, "the scene file", MOST_BYTES)
-                    follow(inner.read_text(encoding="utf-8", errors="replace"), inner, depth + 1)
+                    follow(
+                        inner.read_text(encoding="utf-8", errors="replace"), inner, depth + 1
+                    )
 
         _parse(text, file, tell, strict=False)
 

@@ -113,7 +113,9 @@ def test_facts_of_a_stack_that_are_none_are_refused(facts: dict[str, Any], said:
 
 
 @pytest.mark.parametrize("mode", ["r", "r+", "c"])
-def test_frames_on_disk_are_let_go_and_changes_to_them_are_not(tmp_path: Path, mode: Any) -> None:
+def test_frames_on_disk_are_let_go_and_changes_to_them_are_not(
+    tmp_path: Path, mode: Any
+) -> None:
     frames = RNG.integers(0, 4000, (3, 64, 64), dtype=np.uint16)
     np.save(tmp_path / "a.npy", frames)
     mapped = np.load(tmp_path / "a.npy", mmap_mode=mode)

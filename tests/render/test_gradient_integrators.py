@@ -26,7 +26,11 @@ IN_SPECTRA = sorted({*gradient_integrators()} - {RGB_ONLY})
 
 
 PATHS = ("prb", "prb_basic", "prb_projective")
-PRIMAL = {"direct_projective": "direct", "prbvolpath": "volpath", **dict.fromkeys(PATHS, "path")}
+PRIMAL = {
+    "direct_projective": "direct",
+    "prbvolpath": "volpath",
+    **dict.fromkeys(PATHS, "path"),
+}
 """Integrators for gradients, and the one that renders the same image."""
 
 
