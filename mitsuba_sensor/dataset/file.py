@@ -17,7 +17,7 @@ from ..core import InputError
 from ..core.small_files import toml_tables
 from ..files import texts
 from ..files.appearing import refuse_empty
-from ..render.motion.motion import KeyPose, Number, Vector, read_motion
+from ..render.scene.motion import KeyPose, Number, Vector, read_motion
 from ..stages.datasheet import FileTable, optional
 from .keys import Config, Facts
 from .values import SAME, check_field, check_render, check_value, plain_value, value_or_list

@@ -13,7 +13,7 @@ import scipy
 
 from ..core import Float64Array, InputError
 from ..core.types import NumpyArray
-from ..render.motion.motion import KeyPose
+from ..render.scene.motion import KeyPose
 from .file import DatasetFile, Distribution, SceneEntry, Value, View
 from .keys import Config, Facts
 
