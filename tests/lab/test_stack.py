@@ -37,8 +37,6 @@ def test_mean_and_variance_are_those_of_numpy_whatever_the_strips(
     )
 
 
-
-
 def test_each_place_of_a_mosaic_is_a_stack_of_its_own_pixels() -> None:
     frames = np.zeros((2, 4, 6), np.uint16)
     (
@@ -58,8 +56,6 @@ def test_each_place_of_a_mosaic_is_a_stack_of_its_own_pixels() -> None:
     assert all(
         np.shares_memory(part.frames, frames) and not part.tile for part in parts.values()
     )
-
-
 
 
 def test_a_quantity_reads_as_a_sentence_and_scales_with_its_interval() -> None:
@@ -117,7 +113,9 @@ def test_facts_of_a_stack_that_are_none_are_refused(facts: dict[str, Any], said:
 
 
 @pytest.mark.parametrize("mode", ["r", "r+", "c"])
-def test_frames_on_disk_are_let_go_and_changes_to_them_are_not(tmp_path: Path, mode: Any) -> None:
+def test_frames_on_disk_are_let_go_and_changes_to_them_are_not(
+    tmp_path: Path, mode: Any
+) -> None:
     frames = RNG.integers(0, 4000, (3, 64, 64), dtype=np.uint16)
     np.save(tmp_path / "a.npy", frames)
     mapped = np.load(tmp_path / "a.npy", mmap_mode=mode)
