@@ -481,7 +481,7 @@ LINES_OF_A_MODULE, PARAMETERS = 420, 8
 TOKENS_MAX = {
     ".": 8068,
     "bench": 23369,
-    "benchmarks": 31940,
+    "benchmarks": 31961,
     "camera": 24826,
     "cli": 25332,
     "core": 24340,
@@ -489,7 +489,7 @@ TOKENS_MAX = {
     "examples": 8782,
     "files": 19356,
     "gradient": 4248,
-    "lab": 68141,
+    "lab": 67856,
     "optics": 17471,
     "output": 25663,
     "pages": 3350,
