@@ -480,7 +480,7 @@ TOKENS_MAX = {
     "optics": 17471,
     "output": 25268,
     "pages": 3609,
-    "render": 79768,
+    "render": 79769,
     "reproduction": 12153,
     "sensor": 13920,
     "stages": 32706,
