@@ -290,7 +290,7 @@ def test_a_likelihood_finds_an_albedo_in_5_electrons_where_least_squares_does_no
 def test_a_likelihood_of_two_noisy_halves_is_unbiased_and_no_pixel_outweighs_the_others() -> (
     None
 ):
-    """Light from dark to twice the full scale, rendered with gamma-distributed noise of 20 % in each half. A Newton step
+    """Light up to twice the full scale, rendered with gamma-distributed noise of 20 % in each half. A Newton step
     for the brightness, from the true one, is below 2 %, whose standard error is 0.4 %; without the variance of the
     render it is larger."""
     mi, dr = ready(), drjit()
