@@ -193,12 +193,12 @@ def pooled(
     """
     if passes < POOLED_PASSES_MIN:
         return variance
-    tiny, around = np.finfo(np.float32).tiny, near_mean(mean)
-    level = np.maximum(mean, DARKEST * mean.mean(axis=(0, 1))) + tiny
+    least = DARKEST * mean.mean(axis=(0, 1)) + np.finfo(np.float32).tiny
+    level, around = np.maximum(mean, least), np.maximum(near_mean(mean), least)
     own, freedom = variance / level / level, passes - 1
     near = near_mean(own)
     sparse = np.minimum((near / SPARSE) ** 2, 1)
-    near += sparse * (near_mean(variance) / np.maximum(around, tiny) ** 2 - near)
+    near += sparse * (near_mean(variance) / around / around - near)
     near = np.maximum(near, own / 9)
     lit = (own > 0) & np.isfinite(near)
     apart = np.log(own[lit] / near[lit])
