@@ -450,7 +450,7 @@ def test_help_cameras_and_completion_import_only_what_they_show() -> None:
 LINES_OF_A_MODULE, FORMATTED_BY_HAND, ANY, PARAMETERS = 420, 10, 300, 8
 
 TOKENS_MAX = {
-    ".": 7984,
+    ".": 7970,
     "bench": 26063,
     "benchmarks": 41669,
     "camera": 24754,
@@ -459,17 +459,17 @@ TOKENS_MAX = {
     "dataset": 45321,
     "examples": 11859,
     "files": 18854,
-    "gradient": 4248,
+    "gradient": 4264,
     "lab": 72741,
     "optics": 17471,
     "output": 25268,
     "pages": 3609,
-    "render": 82245,
+    "render": 82452,
     "reproduction": 12153,
     "sensor": 13920,
-    "stages": 32706,
+    "stages": 32835,
     "study": 16912,
-    "tests": 424848,
+    "tests": 426067,
     "theory": 13847,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

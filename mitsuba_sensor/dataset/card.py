@@ -15,7 +15,7 @@ from ..core.html import render_template
 from ..files.png import png, write_png
 from ..files.texts import write_page
 from ..output.contact_sheet import Captioned, SheetRow, contact_sheet
-from ..render.limits import SHORTEST_METERED_S
+from ..render.samples import SHORTEST_METERED_S
 from .file import DatasetFile
 from .keys import Config, Facts, canonical
 from .read import IMAGES, PICTURE, Sample

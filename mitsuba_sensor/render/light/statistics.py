@@ -25,7 +25,9 @@ DARKEST = (
     1e-3  # of the mean of the picture: darker pixels are compared as if they were as bright
 )
 POOLED_PASSES_MIN = 3
-SPARSE = 1 / 4  # relative variance of a mean, as of four paths that found light: neighbours know more
+SPARSE = (
+    1 / 4
+)  # relative variance of a mean, as of four paths that found light: neighbours know more
 RELATIVE_MAX = 1e6  # standard error over the light: of pixels in which there is none
 
 
@@ -223,7 +225,7 @@ def near_mean(values: NDArray[np.floating]) -> NDArray[np.floating]:
 def relative_errors(
     mean: NDArray[np.floating], variance: NDArray[np.floating], infinite: NDArray[np.bool_]
 ) -> NDArray[np.float32]:
-    """Return standard errors over the light, all (H, W); at most RELATIVE_MAX, 0 without light, inf where it is infinite."""
+    """Return standard errors over the light, all (H, W): 0 without light, inf where it is infinite."""
     found = np.sqrt(variance)
     least = found / RELATIVE_MAX + np.finfo(float).tiny
     found /= np.maximum(mean, least, out=least)

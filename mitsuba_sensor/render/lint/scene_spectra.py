@@ -15,7 +15,7 @@ import numpy as np
 
 from ...core import Float64Array
 from ..infrared.rgb_colours import is_rgb
-from ..limits import MITSUBA_NM
+from ..samples import MITSUBA_NM
 from ..scene.parsed_scene import ParsedScene
 from ..variants import MitsubaObject, mitsuba
 from .finding import Range

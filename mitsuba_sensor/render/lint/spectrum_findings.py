@@ -16,7 +16,7 @@ import numpy as np
 from ..infrared.materials import HELD_FROM_NM, materials
 from ..infrared.rgb_colours import rgb_colours
 from ..infrared.rules import ruled_colours
-from ..limits import MITSUBA_NM
+from ..samples import MITSUBA_NM
 from ..scene.scene_edits import UNNAMED
 from ..variants import MitsubaObject, values_of
 from .finding import NAMED_MAX, Finding, Range, places

@@ -19,9 +19,8 @@ from ...core import Exposure, Float64Array, InputError, check_types
 from ...core.options import complete, documents
 from ...optics.shutter import Shutter, shutter_of
 from ..light.bands import choose_bands
-from ..limits import LONGEST_NM, SHORTEST_NM
 from ..options import SceneOptions
-from ..samples import row_strips
+from ..samples import LONGEST_NM, SHORTEST_NM, row_strips
 from ..scene.parse_scene import SceneInput, parse
 from ..scene.parsed_scene import ParsedScene
 from ..scene.scene import Scene, load_scene
