@@ -393,7 +393,9 @@ def test_what_is_no_image_of_a_photosensor_is_one_sentence() -> None:
         (lambda: ms.raw_log_likelihood(np.zeros((2, 2)), image, sensor=sensor), "shape"),
         (lambda: ms.raw_log_likelihood(np.full((12, 16), -1), image, sensor=sensor), "from -1"),
         (lambda: ms.raw_log_likelihood(ones, image, sensor=sensor, render_variance=-ones), "render_variance has"),
-        (lambda: ms.raw_log_likelihood(ones, [], sensor=sensor), "image is an empty list"),
+        (lambda: ms.raw_log_likelihood(ones, [], sensor=sensor), "of 0 shapes"),
+        (lambda: ms.raw_log_likelihood(ones, [image, image[:3]], sensor=sensor), "of 2 shapes"),
+        (lambda: ms.raw_log_likelihood(ones, image, sensor=sensor, render_variance=0.1), "shape of the image"),
     ]  # fmt: skip
     for call, sentence in wrong:
         with pytest.raises(ms.InputError, match=sentence) as caught:

@@ -105,9 +105,10 @@ def raw_log_likelihood(
     Returns a tensor (H, W) of the type of the image; its sum is what to maximise. Raises InputError.
     """
     passes = list(image) if isinstance(image, list | tuple) else [image]
-    if not passes:
+    shapes = {getattr(one, "shape", None) for one in passes}
+    if len(shapes) != 1:
         raise InputError(
-            "image is an empty list; pass what mitsuba.render returns, once or more."
+            f"image is a list of images of {len(shapes)} shapes; pass one or several renders of the same sensor."
         )
     mean = sum(passes[1:], passes[0]) / len(passes) if len(passes) > 1 else passes[0]
     chip = _Chip.of(mean, camera, exposure, sensor, parameters, options)
