@@ -464,12 +464,12 @@ TOKENS_MAX = {
     "optics": 17471,
     "output": 25268,
     "pages": 3609,
-    "render": 82452,
+    "render": 82485,
     "reproduction": 12153,
     "sensor": 13920,
     "stages": 32835,
     "study": 16912,
-    "tests": 426067,
+    "tests": 425612,
     "theory": 13847,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
@@ -17,12 +17,11 @@ from ...camera.fingerprint import pixel_fingerprint, response_fingerprint
 from ...core import Array, Float64Array, InputError, require
 from ...core.llvm import drjit
 from ...optics.f_number_law import transmittance
-from ..samples import LONGEST_NM, NARROWEST_NM, SHORTEST_NM, hashed_seed
+from ..samples import LONGEST_NM, NARROWEST_NM, SHORTEST_NM
 from ..variants import MitsubaObject, mitsuba
 
 if TYPE_CHECKING:
-    from ..motion.moving_scene import MovingScene
-    from ..scene.scene import Scene
+    pass
 
 BANDWIDTH_NM = 10.0  # of each band, unless asked otherwise
 GROUP = 4  # wavelengths that Mitsuba samples for one path
@@ -396,43 +395,3 @@ def with_filters(bands: Bands, camera: Camera) -> Bands:
         filters=count,
         response=pixel_fingerprint(camera),
     )
-
-
-def radiance_of(
-    scene: Scene | MovingScene,
-    bands: Bands,
-    groups: tuple[slice, ...],
-    seed: int,
-    samples: int,
-    rows: tuple[int, int],
-) -> NDArray[np.float32]:
-    """Return a pass of some rows, the groups of bands one after the other, (rows, columns, B + filters).
-
-    A single group has the wavelengths of all bands, to which the scene is restricted before.
-    """
-    if len(groups) == 1:
-        return folded([scene.render(seed, samples, rows)], groups, bands)
-
-    def of_group(number: int) -> NDArray[np.float32]:
-        scene.restrict_wavelengths(*bands.ends_of(groups[number]))
-        return scene.render(hashed_seed(seed, number, 0), samples, rows)
-
-    return folded((of_group(number) for number in range(len(groups))), groups, bands)
-
-
-def folded(
-    images: Iterable[NDArray[np.float32]], groups: tuple[slice, ...], bands: Bands
-) -> NDArray[np.float32]:
-    """Renders of groups of bands → (H, W, B + filters). images : (H, W, channels of the film), one for each group."""
-    parts, filters = list[NDArray[np.float32]](), np.zeros(1, np.float32)
-    count, sets = len(bands), len(bands.groups)
-    if sets == 1:
-        (image,) = images
-        return image
-    for number, (group, image) in enumerate(zip(groups, images, strict=True)):
-        parts.append(image[..., group])
-        of_groups = image[..., count:].reshape(*image.shape[:2], sets, bands.filters)
-        filters = filters + np.asarray(
-            of_groups.sum(axis=2) if len(groups) < sets else of_groups[:, :, number]
-        )
-    return np.concatenate([*parts, filters], axis=-1)

@@ -21,7 +21,7 @@ from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from ...sensor.options import ExposeOptions
 from ...stages.usual_range import warn_of_temperature
 from ...theory.plan import prepare_planned_exposure
-from ..light.bands import radiance_of, with_filters
+from ..light.bands import with_filters
 from ..light.brightness import NOT_LUMINOUS, luminous_weights, scale_to
 from ..light.irradiance import Irradiance
 from ..light.photons import metered, photons_per_irradiance
@@ -40,7 +40,7 @@ from ..scene.scene_settings import bands_asked_for
 from ..variants import restores_variant
 from .grouped import render_light_groups
 from .loaded_render import LoadedRender
-from .passes import Passes
+from .passes import Passes, radiance_of
 from .stop_criterion import (
     End,
     Progress,
