@@ -75,7 +75,7 @@ def _end_with_own_sentence(mi: MitsubaObject) -> None:
     inner = mi.render
 
     @wraps(inner)
-    def render(*arguments: Any, **options: Any) -> Any:
+    def render(*arguments: object, **options: object) -> MitsubaObject:
         try:
             return inner(*arguments, **options)
         except RuntimeError as error:
