@@ -15,9 +15,10 @@ from .app import app, show, show_remarks
 from .budget_sheet import combined_rows, combined_sheet, rows_of, sheet_of
 from .completion import shell_files
 from .help import Command
+from .tables import ResultTable
 from .values import Flag, number
 
-FIRST = ("electrons", "camera", "readout", "exposure_s", "gain", "settings", "as_json")
+FIRST = ("electrons", "sweep", "camera", "readout", "exposure_s", "gain", "settings", "as_json")
 SIDE = 128
 """Rows and columns of pixels in uniform light, at most."""
 USUAL_TIME_S = 0.01
@@ -50,6 +51,15 @@ OneReadout = Annotated[
     ),
 ]
 
+Sweep = Annotated[
+    bool,
+    typer.Option(
+        "--sweep",
+        help="The SNR curve instead: signal and noise at levels of uniform light, from 1 e- to saturation.",
+        rich_help_panel="Light",
+    ),
+]
+
 
 @app.command(
     cls=Command,
@@ -62,6 +72,7 @@ def budget(
     irradiance: OptionalLight = None,
     electrons: MeanElectrons = None,
     readout: OneReadout = None,
+    sweep: Sweep = False,
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
@@ -72,6 +83,13 @@ def budget(
     """
     from ..core import InputError
 
+    if sweep:
+        if irradiance is not None or electrons is not None or readout is not None:
+            raise InputError(
+                "--sweep chooses the levels of light itself; leave out the light and --readout."
+            )
+        _show_sweep(as_json, flags)
+        return
     if (irradiance is None) == (electrons is None):
         raise InputError(
             "give the light, and give it once: --electrons 1000 (mean photoelectrons of every pixel), or the "
@@ -94,6 +112,46 @@ def budget(
     else:
         show(rows_of(frames) if as_json else sheet_of(frames), as_json)
     show_remarks(as_json, remarks)
+
+
+def _show_sweep(as_json: bool, flags: options.Flags) -> None:
+    """Show the SNR curve of the camera."""
+    from ..core import InputError
+    from .inputs import camera_and_exposure
+    from .remarks import taken_by_default
+
+    settings = SceneSettings(exposure_s=USUAL_TIME_S)
+    camera, exposure = camera_and_exposure(flags, settings)
+    if not isinstance(exposure, ms.Exposure):
+        raise InputError(
+            "--exposure-s is auto, and --sweep has no image to meter; give seconds, e.g. 0.01."
+        )
+    curve = ms.snr_curve(camera, exposure)
+    columns = {
+        "electrons": curve.electrons,
+        "signal_dn": curve.signal_dn,
+        "temporal_dn": curve.temporal_dn,
+        "spatial_dn": curve.spatial_dn,
+        "snr": curve.snr,
+        "total_snr": curve.total_snr,
+    }
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    table = ResultTable(
+        (
+            "electrons [e-]",
+            "signal [DN]",
+            "temporal σ [DN]",
+            "spatial σ [DN]",
+            "SNR",
+            "total SNR",
+        ),
+        f"SNR of {curve.camera} at {curve.exposure.time_s:g} s",
+        "SNR: signal over temporal noise (EMVA 1288); total SNR: over temporal and spatial noise",
+    )
+    for row in rows:
+        table.add_row(*(f"{value:.4g}" for value in row.values()))
+    show(rows if as_json else table, as_json)
+    show_remarks(as_json, taken_by_default(flags, settings, camera))
 
 
 def _light_share(camera: ms.Camera, readout: str) -> float:

@@ -343,7 +343,7 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
     from rich.text import Text
 
     from ..optics.image_record import airy_diameter_px
-    from ..render.scene.scene import inspect_scene
+    from ..render.load.scene import inspect_scene
     from .inputs import render_input
     from .remarks import taken_by_default
     from .tables import ResultTable

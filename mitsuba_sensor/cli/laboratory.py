@@ -78,7 +78,7 @@ class CharacterizeFlags(SimulatedFlags, total=False):
     options.CameraFlags,
     CharacterizeFlags,
     StudyFlags,
-    without=("exposure_s", "meter", "force"),
+    without=("exposure_s", "meter"),
     first=("out", "as_json", "camera", "frames", "bits", "wavelength_nm", "gain"),
     source="",
     helps={
@@ -196,10 +196,11 @@ def _of_files(flags: Flags, asked: CharacterizeFlags) -> "Study":
             qe = None
         else:
             qe = camera.qe([wavelength_nm])[:, 0]
-        name, sheet = camera.name, _datasheet(flags, bench, qe)
+        sheet = _datasheet(flags, bench, qe)
+        name = f"{name}, beside the datasheet of {camera.name}"
     about = {
         "frames": asked["frames"],
-        "camera": name,
+        "camera": flags["camera"] or name,
         "stacks": [stack.source for stack in bench.stacks],
     }
     return characterized(name, measured, sheet, **about, **how_made())

@@ -204,15 +204,6 @@ class StudyFlags(TypedDict, total=False):
             panel="Output",
         ),
     ]
-    force: Annotated[
-        bool,
-        Option(
-            "Measure again what the folder holds already.",
-            False,
-            flag="--force",
-            panel="Output",
-        ),
-    ]
     as_json: Annotated[bool, Option("Only JSON on stdout, for programs.", False, flag="--json")]
 
 

@@ -1,12 +1,12 @@
-"""A study in the terminal: verdict, findings and tables; plots stand in the page."""
+"""A study in the terminal: verdict, findings and tables; pictures are on the page."""
 
 from __future__ import annotations
 
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ..pages.html_page import text
-from ..pages.page import Grid, Study, Table
+from ..pages.html_page import FIGURE_SPACE, POINT_SPACE, shown
+from ..pages.page import Study, Table
 from .tables import ResultTable
 
 STYLES = {"good": "green", "bad": "bold red", "best": "bold green", "dim": "dim", "": ""}
@@ -18,31 +18,18 @@ def study_sheet(found: Study, path: str) -> RenderableType:
     style = "bold red"
     if found.passed:
         style = "bold yellow" if found.missing else "bold green"
-    verdict = (found.verdict, style)
-    title = Text.assemble((found.title, "bold"), " – ", verdict, " → ", (path, "bold"))
+    title = Text.assemble((found.title, "bold"), " – ", (found.headline, style))
+    title.append(f" → {path}")
     tables = [_table(part) for part in found.parts if isinstance(part, Table) and part.rows]
-    grids = [_grid(part) for part in found.parts if isinstance(part, Grid)]
-    return Group(title, *(Text(f"• {one}") for one in found.findings), *grids, *tables)
-
-
-def _grid(part: Grid) -> ResultTable:
-    drawn = ResultTable(("", *part.columns), title=part.title)
-    for name, marks, texts in zip(part.rows, part.marks, part.texts, strict=True):
-        cells = zip(texts, marks, strict=True)
-        drawn.add_row(name, *(Text(cell, STYLES[mark]) for cell, mark in cells))
-    return drawn
+    return Group(title, *(Text(f"• {one}") for one in found.findings), *tables)
 
 
 def _table(table: Table) -> ResultTable:
-    rows = [*zip(table.marks or ("",) * len(table.rows), table.rows, strict=True)]
-    shown = (
-        rows if len(rows) <= ROWS_MAX else [row for row in rows if row[0] in ("bad", "best")]
-    )
-    in_page = (
-        f"{len(rows) - len(shown)} more rows in the page" if len(shown) < len(rows) else ""
-    )
-    drawn = ResultTable(table.columns, title=table.title, caption=in_page)
-    for mark, row in shown:
-        cells = (f"{x:.3g}" if isinstance(x, float) else text(x) for x in row)
-        drawn.add_row(*cells, style=STYLES[mark])
+    headings, _, rows = shown(table)
+    few = rows if len(rows) <= ROWS_MAX else [row for row in rows if row[0] in ("bad", "best")]
+    more = f"{len(rows) - len(few)} more rows in the page" if len(few) < len(rows) else ""
+    drawn = ResultTable(headings, title=table.title, caption=more)
+    for mark, cells in few:
+        plain = (cell.rstrip(FIGURE_SPACE + POINT_SPACE) for cell in cells)
+        drawn.add_row(*plain, style=STYLES[mark])
     return drawn

@@ -18,29 +18,29 @@ from .samples import (
 )
 
 if TYPE_CHECKING:
-    from .motion.motion import Motion
+    from .scene.motion import Motion
 
 
 def _checked_traverse(name: str, value: object) -> object:
-    from .scene.scene_edits import checked_traverse
+    from .scene.asked import checked_traverse
 
     return checked_traverse(name, value)
 
 
 def _checked_light_groups(name: str, value: object) -> object:
-    from .scene.asked_groups import checked_light_groups
+    from .scene.asked import checked_light_groups
 
     return checked_light_groups(name, value)
 
 
 def _checked_infrared(name: str, value: object) -> object:
-    from .infrared.materials import checked_infrared
+    from .scene.asked import checked_infrared
 
     return checked_infrared(name, value)
 
 
 def _checked_look_at(name: str, value: object) -> object:
-    from .scene.scene_edits import checked_look_at
+    from .scene.asked import checked_look_at
 
     return checked_look_at(name, value)
 
@@ -116,7 +116,7 @@ class FileOptions(TypedDict, total=False):
         Option(
             "What RGB colours and pictures reflect beyond 700 nm, where the camera sees it: hold, their value at 700 "
             "nm; refuse to render them; or IDS=MATERIAL, repeatable, a measured reflectance for materials or shapes of "
-            "these ids, e.g. 'leaf_*=vegetation', see docs/infrared.md. Default: hold.",
+            "these ids, e.g. 'leaf_*=vegetation', see docs/scene.md. Default: hold.",
             flag="--infrared",
             metavar="IDS=MATERIAL",
             text=list[str],
@@ -237,7 +237,7 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
         int | None,
         Option(
             "Samples (light paths) per pixel over all passes; 4 × as many halve the render noise. Default: until 95 % "
-            "of the lit pixels have less render noise than sensor noise, at most 32, or 256 without denoising.",
+            "of the lit pixels have less render noise than sensor noise, at most 64, or 256 without denoising.",
             low=1,
             high=MOST_IN_ALL,
             example="256",

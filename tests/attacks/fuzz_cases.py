@@ -24,9 +24,9 @@ from mitsuba_sensor.files.npz import read_fpn_maps
 from mitsuba_sensor.files.openexr import Plane, write_planes
 from mitsuba_sensor.files.raw_files import read_raw
 from mitsuba_sensor.files.scene_references import scene_references
-from mitsuba_sensor.render.motion.motion import read_motion
+from mitsuba_sensor.render.load.scene import inspect_scene
+from mitsuba_sensor.render.scene.motion import read_motion
 from mitsuba_sensor.render.scene.parse_scene import parse
-from mitsuba_sensor.render.scene.scene import inspect_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
 ROOT = Path(__file__).resolve().parents[2]

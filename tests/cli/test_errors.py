@@ -13,7 +13,7 @@ from helpers.marks import one_in
 
 from mitsuba_sensor.files import png, texts, tiff
 from mitsuba_sensor.files.disk_errors import disk_sentences
-from mitsuba_sensor.render.scene.scene import Scene
+from mitsuba_sensor.render.load.scene import Scene
 from mitsuba_sensor.sensor.expose import PreparedExposure
 
 DARK_SCENE_IN_THE_INFRARED_ONLY = '<spectrum name="radiance" value="900:0.01, 1000:0.01"/>'

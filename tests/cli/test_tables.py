@@ -19,7 +19,7 @@ from mitsuba_sensor.cli import progress as progress_module
 from mitsuba_sensor.cli import terminal
 from mitsuba_sensor.cli.study_sheet import study_sheet
 from mitsuba_sensor.cli.tables import number, rough
-from mitsuba_sensor.pages.page import Grid, Section, Table, study_of
+from mitsuba_sensor.pages.page import Section, Table, study_of
 from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
 
 WIDTHS = (40, 60, 80, 120)
@@ -70,17 +70,7 @@ def sheets(light: Any) -> dict[str, Any]:
         for i in range(len(HARD))
     )
     columns = ("case", *(f"column {chr(97 + k)}" for k in range(9)))
-    texts = (tuple(f"{x + 1:.3g}" for x in HARD),) * 2
-    grid = Grid(
-        "grid",
-        ("r", "s"),
-        tuple(f"the {chr(97 + k)}" for k in range(10)),
-        (("good",) * 10,) * 2,
-        texts,
-    )
-    study = study_of(
-        "stress", "hard", [Section((), True, (Table("table", columns, rows), grid))]
-    )
+    study = study_of("stress", "hard", [Section((), True, (Table("table", columns, rows),))])
     return {
         "plan": lambda width: terminal.plan_sheet(plan),
         "maps": lambda width: terminal.map_list(spread, "maps.npz"),

@@ -15,7 +15,7 @@ from helpers.scenes import (
 )
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.render.infrared.materials import materials
+from mitsuba_sensor.render.scene.asked import materials
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
 VISIBLE = ms.load_camera("konnik_table1")  # 400 to 700 nm
@@ -101,7 +101,8 @@ def test_a_camera_that_sees_nothing_beyond_keeps_its_bytes(tmp_path: Path) -> No
             "bayer_2mp",
             EXPOSURE,
             width=4,
-            spp=8,
+            spp=2,
+            bandwidth_nm=100,
             variant="scalar_spectral",
             denoise=False,
             infrared=rule,

@@ -129,21 +129,6 @@ def test_one_thread_and_two_deliver_the_same_bytes(monkeypatch: pytest.MonkeyPat
 
 
 @compiled
-def test_a_crop_is_the_crop_of_the_frame_in_any_order_and_batch() -> None:
-    """Frames 3 … 5 of a window, alone, together, backwards and streamed."""
-    camera = TABLE1.replace(**NONLINEAR, **{"pixel.dsnu_e": 10.0})
-    light = dark_to_saturation(camera)
-    whole = frame(camera, light, "drjit", frames=3, first_frame=3)
-    rows, columns = slice(101, 190), slice(7, 100)
-    window = light[rows, columns]
-    for index in (2, 0, 1):
-        alone = frame(camera, window, "drjit", first_frame=3 + index, origin=(101, 7))
-        np.testing.assert_array_equal(alone[0], whole[index, rows, columns])
-    streamed = list(ms.stream(light, camera, EXPOSURE, frames=3, first_frame=3, engine="drjit"))
-    np.testing.assert_array_equal(streamed, whole)
-
-
-@compiled
 def test_a_changed_number_compiles_nothing_and_a_source_left_out_does() -> None:
     """Numbers go in as data. (Kernels are counted by Dr.Jit itself.)"""
     dr, light = drjit(), dark_to_saturation(TABLE1)
@@ -202,21 +187,6 @@ def test_auto_compiles_for_much_work_and_not_for_little(
     assert run.choose_backend("auto", "float32", 10**8) is NUMPY_FLOAT32
 
 
-@pytest.mark.parametrize(
-    ("how", "sentence"),
-    [
-        ({"engine": "nunpy"}, "Did you mean"),
-        ({"engine": "drjit", "precision": "float64"}, "take numpy"),
-        ({"precision": "double"}, "float32, float64"),
-    ],
-)
-def test_an_engine_that_is_not_there_is_one_sentence(
-    how: dict[str, Any], sentence: str
-) -> None:
-    with pytest.raises(ms.InputError, match=sentence):
-        ms.expose([[1.0]], TABLE1, EXPOSURE, **how)
-
-
 def test_without_llvm_the_compiled_engine_says_what_to_do(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -238,25 +208,3 @@ def test_cuda_has_the_same_random_bits_and_at_most_1_dn() -> None:
         for engine in ("numpy", "cuda")
     )
     assert np.abs(one - other).max() <= 1
-
-
-def test_float64_differs_little_from_float32_with_the_same_random_bits() -> None:
-    """12 bits: fewer than 1 % of the pixels move, and by 1 DN."""
-    camera, light = TABLE1.replace(**NONLINEAR), dark_to_saturation(TABLE1)
-    single, double = (
-        ms.expose(light, camera, EXPOSURE, engine="numpy", precision=precision).digital.astype(
-            int
-        )
-        for precision in ("float32", "float64")
-    )
-    moved = np.abs(single - double)
-    assert moved.max() == 1 and 0 < np.mean(moved > 0) < 0.01
-
-
-def test_auto_leaves_float32_where_it_does_not_count() -> None:
-    """Codes of 24 bits, or a full well beyond 2^24 e-."""
-    backends = [
-        ms.expose([[1.0]], TABLE1.replace(**change), EXPOSURE).first.window.backend
-        for change in ({}, {"adc.bits": 24}, {"pixel.full_well_e": 2e7})
-    ]
-    assert backends == [NUMPY_FLOAT32, NUMPY_FLOAT64, NUMPY_FLOAT64]

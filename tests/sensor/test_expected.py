@@ -261,7 +261,7 @@ def test_a_report_has_the_frame_beside_what_is_expected_of_it() -> None:
     json.dumps(report, allow_nan=False)
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 200), (200, 1), (3, 2)])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 200), *map(exhaustive, [(200, 1), (3, 2)])])
 def test_frames_of_any_size_have_finite_figures(shape: tuple[int, int]) -> None:
     frames = ms.expose(light_of(1000.0, shape), ms.load_camera("konnik_table1"), EXPOSURE)
     json.dumps(
@@ -293,8 +293,8 @@ class NoNumber(Drift):
 
 
 def test_a_stage_that_returns_no_number_is_named() -> None:
-    frames = ms.expose(
-        light_of(10.0, (8, 8)), TABLE1.with_stage(NoNumber(), after="sense_node"), EXPOSURE
-    )
-    with pytest.raises(ms.InputError, match="NoNumber returns NaN"):
-        _ = frames.report
+    camera = TABLE1.with_stage(NoNumber(), after="sense_node")
+    with pytest.warns(RuntimeWarning, match="invalid value"):  # NumPy makes no code of NaN
+        frames = ms.expose(light_of(10.0, (8, 8)), camera, EXPOSURE)
+        with pytest.raises(ms.InputError, match="NoNumber returns NaN"):
+            _ = frames.report

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
-from helpers import ROOT
-from helpers.shipped import ONE_READOUT
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.theory.dynamic_range import hdr_figures
@@ -19,10 +15,6 @@ FILES = {
 }
 
 
-def test_every_shipped_camera_with_readouts_is_in_this_list() -> None:
-    assert FILES.keys() == set(ms.list_cameras()) - set(ONE_READOUT)
-
-
 @pytest.mark.parametrize("name", FILES)
 def test_a_camera_file_is_right(name: str) -> None:
     camera, (gain, bits) = ms.load_camera(name), FILES[name]
@@ -30,47 +22,6 @@ def test_a_camera_file_is_right(name: str) -> None:
     assert camera.code_bits == bits
     first = next(iter(camera.readout_cameras.values()))
     assert first.system_gain_dn_per_e == pytest.approx(gain)
-
-
-def rows(name: str) -> list[str]:
-    """Lines of the table in docs/published-cameras.md, the camera's name in the first."""
-    camera, lines = ms.load_camera(name), list[str]()
-    for readout in camera.readouts:
-        one = camera.readout_cameras[readout.name]
-        noise_e, well_e = one.source_follower.read_noise_e, one.pixel.full_well_e
-        numbers = f"{one.system_gain_dn_per_e:.4g} | {noise_e:.4g} | {well_e:.6g}"
-        called = "" if lines else f"`{name}`"
-        bits = "" if lines else str(camera.code_bits)
-        lines.append(
-            f"| {called} | {readout.name} | {readout.of} | {readout.sensitivity:g} | {numbers} | {bits} |"
-        )
-    return lines
-
-
-def test_the_page_of_published_cameras_has_their_readouts() -> None:
-    head = "| camera | read-out | of | sensitivity | K [DN/e-] | read noise [e-] | full well [e-] | combined bits |"
-    lines = [head, "|---|---|---|---|---|---|---|---|"]
-    for name in FILES:
-        lines += rows(name)
-    table = "\n".join(lines)
-    page = (ROOT / "docs" / "published-cameras.md").read_text(encoding="utf-8")
-    assert table in page, f"\n{table}"
-
-
-def test_the_snippets_of_the_page_can_be_pasted() -> None:
-    """Read-outs at the end of a new camera file, lines of another table below its heading."""
-    page = (ROOT / "docs" / "hdr.md").read_text(encoding="utf-8")
-    plain = ms.load_camera("sony_imx174").replace(**{"source_follower.read_noise_e": 6.83})
-    snippets = re.findall(r"```toml\n(\[.*?)```", page, re.S)
-    for snippet in snippets:
-        text, heading = plain.to_toml(), snippet.splitlines()[0]
-        if heading == "[[readouts]]":
-            text += f"\n{snippet}"
-        else:
-            text = text.replace(f"\n{heading}\n", f"\n{snippet}", 1)
-        camera = ms.load_camera(text)
-        assert camera.readouts or camera.pixel.partial_resets or camera.companding.knees
-    assert len(snippets) == 5
 
 
 def test_the_split_pixel_has_the_noise_and_the_range_of_its_publication() -> None:

@@ -29,109 +29,6 @@ CAMERA = ms.load_camera("konnik_table1").replace(
 EXPOSURE = ms.Exposure(0.1)
 SHAPE = (24, 40)
 LIGHT = np.linspace(100.0, 20_000.0, SHAPE[0] * SHAPE[1]).reshape(SHAPE)
-ALL = ("electrons", "volts")
-
-OFF: dict[str, dict[str, Any]] = {
-    "Prnu": {"pixel.prnu": 0.0},
-    "DarkCurrent": {"dark_current.fom_na_per_cm2": 0.0},
-    "dark FPN": {"dark_current.cv": 0.0},
-    "ResetNoise": {"readout.reset": "true_cds"},
-    "SourceFollowerNoise": {"source_follower.white_nv_per_rthz": 0.0},
-    "DsnuColumn": {"readout.dsnu_col": 0.0},
-}
-"""Noise source → how a datasheet switches it off. (The shot noise of light goes with the light.)"""
-
-
-def bits_used(
-    camera: ms.Camera, light: Any = LIGHT, monkey: Any = None
-) -> dict[str, NDArray[Any]]:
-    """The random bits of each source in one frame, before any arithmetic."""
-    drawn: dict[str, NDArray[Any]] = {}
-    temporal, fixed, line, at = (
-        ms.Frame.random_bits,
-        SensorWindow.fixed_map,
-        SensorWindow.line_map,
-        ms.Frame.random_bits_at,
-    )
-
-    def temporal_bits(self: ms.Frame, source: str) -> Any:
-        drawn[source] = temporal(self, source)
-        return drawn[source]
-
-    def pattern(self: SensorWindow, source: str, distribution: Any) -> Any:
-        drawn[source] = fixed(self, source, lambda backend, bits: bits)
-        return fixed(self, source, distribution)
-
-    def line_pattern(self: SensorWindow, source: str, coupling: float, axis: int = 1) -> Any:
-        drawn[source] = line(self, source, coupling, axis)
-        return drawn[source]
-
-    def bits_at(self: ms.Frame, source: str, *place: Any) -> Any:
-        drawn.setdefault(source, at(self, source, *place))
-        return at(self, source, *place)
-
-    monkey.setattr(ms.Frame, "random_bits", temporal_bits)
-    monkey.setattr(SensorWindow, "fixed_map", pattern)
-    monkey.setattr(SensorWindow, "line_map", line_pattern)
-    monkey.setattr(ms.Frame, "random_bits_at", bits_at)
-    ms.expose(light, camera, EXPOSURE, seed=4, serial=9)
-    monkey.undo()
-    return drawn
-
-
-def test_the_chain_draws_from_every_listed_stream(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A camera with every effect draws from every listed stream and from no other; "compensation" is no longer drawn,
-    and keeps its number so that the others keep theirs."""
-    everything = CAMERA.replace(
-        **{
-            "readout.dsnu_row": 1e-3,
-            "readout.prnu_col": 1e-3,
-            "pixel.dsnu_e": 2.0,
-            "dark_current.distribution": "wald",
-            "dark_current.components": [
-                {"weight": 0.1, "family": "uniform", "low": 1, "high": 9, "unit": "e"}
-            ],
-            "dark_current.rts_fraction": 0.5,
-            "dark_current.rts_amplitude_e_per_s": 100.0,
-            "source_follower.read_noise_cv": 0.3,
-            "source_follower.noisy_pixel_fraction": 0.5,
-            "source_follower.noisy_pixel_factor": 2.0,
-            "source_follower.rtn_pixel_fraction": 0.5,
-            "source_follower.rtn_pixel_amplitude_e": 10.0,
-            "quantum_efficiency.quantum_yield": [2.0, 1.0],
-            "pixel.hits_per_cm2_s": 1.0,
-        }
-    )
-    asked = set(bits_used(everything, monkey=monkeypatch))
-    assert asked == set(STREAMS) - {"compensation"}
-
-
-@pytest.mark.parametrize("source", OFF)
-def test_switching_a_source_off_leaves_every_bit_of_the_others(
-    source: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The datasheet without it draws the same random bits for all other sources, and fewer of them."""
-    whole = bits_used(CAMERA, monkey=monkeypatch)
-    rest = bits_used(CAMERA.replace(**OFF[source]), monkey=monkeypatch)
-    assert set(rest) < set(whole)
-    for name, drawn in rest.items():
-        np.testing.assert_array_equal(drawn, whole[name])
-
-
-def test_switching_the_light_off_leaves_every_bit_of_the_others(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    whole = bits_used(CAMERA, monkey=monkeypatch)
-    rest = bits_used(CAMERA, np.zeros(SHAPE), monkey=monkeypatch)
-    for name, drawn in rest.items():
-        np.testing.assert_array_equal(drawn, whole[name])
-
-
-def test_frame_12_alone_is_frame_12_of_many() -> None:
-    many = ms.expose(LIGHT, CAMERA, EXPOSURE, seed=4, serial=9, frames=14, keep=ALL)
-    alone = ms.expose(LIGHT, CAMERA, EXPOSURE, seed=4, serial=9, first_frame=12, keep=ALL)
-    for name in ("digital", *ALL):
-        np.testing.assert_array_equal(getattr(many, name)[12], getattr(alone, name)[0])
 
 
 def test_a_crop_across_a_block_of_coupled_columns_is_the_frame_of_the_crop() -> None:
@@ -185,45 +82,6 @@ def test_two_sources_are_uncorrelated(one: str, two: str) -> None:
     assert abs(np.mean(a * b)) < 5 / 2**8
 
 
-@pytest.mark.parametrize("source", STREAMS)
-def test_neighbours_frames_and_cameras_are_uncorrelated(source: str) -> None:
-    """|ρ| < 5/√n between a pixel and its neighbours, the next frame, the next seed, the next serial."""
-    shape = {None: (256, 256), 1: (1, 2**16), 0: (2**16, 1)}[LINES.get(source)]
-    one = normals(source, SensorWindow(4, shape))
-    others = [
-        np.roll(one, 1, axis=LINES.get(source, 1)),
-        normals(source, SensorWindow(5, shape), seed=5, index=0),
-    ]
-    if not STREAMS[source][0] & FIXED_PATTERN:
-        others += [np.roll(one, 1, axis=0), normals(source, SensorWindow(4, shape), index=1)]
-    for other in others:
-        assert abs(np.mean(one * other)) < 5 / 2**8
-
-
-def test_the_same_serial_has_the_same_patterns_under_every_seed_and_another_has_others() -> (
-    None
-):
-    """Fixed patterns belong to the camera, temporal noise to the frame."""
-    shape = (64, 64)
-    for source in ("prnu", "dark_fpn", "dsnu_col"):
-        one = normals(source, SensorWindow(4, shape))
-        np.testing.assert_array_equal(
-            one, normals(source, SensorWindow(4, shape), seed=99, index=7)
-        )
-        assert not np.array_equal(one, normals(source, SensorWindow(5, shape)))
-    quiet = CAMERA.replace(
-        **{"source_follower.white_nv_per_rthz": 0.0, "readout.reset": "true_cds"}
-    )
-    mean = [
-        ms.expose(
-            np.full((16, 400), 20_000.0), quiet, EXPOSURE, seed=seed, serial=serial, frames=40
-        ).digital.mean(axis=0)
-        for seed, serial in ((1, 7), (2, 7), (1, 8))
-    ]
-    same, other = (np.corrcoef(mean[0].ravel(), x.ravel())[0, 1] for x in mean[1:])
-    assert same > 0.9 and abs(other) < 0.25
-
-
 def test_a_source_of_ones_own_has_a_stream_of_its_own() -> None:
     """A name that the package does not list: a block outside the listed ones, FPN apart from temporal noise."""
     assert stream_of("photon_shot") == STREAMS["photon_shot"]
@@ -241,39 +99,6 @@ def test_a_source_of_ones_own_has_a_stream_of_its_own() -> None:
         assert abs(np.mean(a * b)) < 5 / 64
 
 
-@pytest.mark.parametrize("lines", [ms.Frame.row_normal, ms.Frame.column_normal])
-def test_temporal_lines_belong_to_their_row_or_column_and_frame(lines: Any) -> None:
-    """One standard normal per line: |mean| < 5/√n and |variance − 1| < 5·√(2/n); independent of window and crop."""
-    n, by_row = 2**16, lines is ms.Frame.row_normal
-    window = SensorWindow(1, (n, 1) if by_row else (1, n))
-    line = lines(ms.Frame(EXPOSURE, window, 4, 3), "line_noise")
-    assert line.shape == window.shape
-    assert abs(line.mean()) < 5 / 2**8 and abs(line.var() - 1) < 5 * np.sqrt(2 / n)
-    crop = SensorWindow(1, (50, 60), (1000, 1000))
-    part = lines(ms.Frame(EXPOSURE, crop, 4, 3), "line_noise")
-    assert part.shape == ((50, 1) if by_row else (1, 60))
-    np.testing.assert_array_equal(part.ravel(), line.ravel()[1000 : 1000 + part.size])
-    for seed, index, name in (
-        (4, 4, "line_noise"),
-        (5, 3, "line_noise"),
-        (4, 3, "other_noise"),
-    ):
-        assert (
-            abs(np.mean(line * lines(ms.Frame(EXPOSURE, window, seed, index), name))) < 5 / 2**8
-        )
-    explicit = lines(ms.Frame(EXPOSURE, crop, 4, 3), "line_noise", np.arange(-3, n))
-    assert explicit.dtype == np.float64 and np.isfinite(explicit).all()
-    np.testing.assert_array_equal(explicit[3:], line.ravel())
-
-
-def test_the_seed_is_all_64_bits() -> None:
-    one = normals("photon_shot", SensorWindow(1, (8, 8)), seed=1)
-    for seed in (1 + 2**32, 1 + 2**63, 2**64 - 1, 0):
-        assert not np.array_equal(
-            one, normals("photon_shot", SensorWindow(1, (8, 8)), seed=seed)
-        )
-
-
 def test_nothing_is_drawn_from_numpys_global_state_or_the_clock() -> None:
     np.random.seed(1)
     one = ms.expose(LIGHT, CAMERA, EXPOSURE).digital
@@ -282,17 +107,3 @@ def test_nothing_is_drawn_from_numpys_global_state_or_the_clock() -> None:
     np.testing.assert_array_equal(ms.expose(LIGHT, CAMERA, EXPOSURE).digital, one)
     np.random.seed(1)
     np.testing.assert_array_equal(np.random.get_state()[1], state)
-
-
-@pytest.mark.parametrize("axis", [0, 1])
-def test_lines_and_pixels_of_one_source_are_uncorrelated(axis: int) -> None:
-    """Row y is not pixel (y, 0), column x is not pixel (0, x), and the first row not the first column; |r| < 5/√n."""
-    n = 100_000
-    shape = (n, 1) if axis == 0 else (1, n)
-    frame = ms.Frame(EXPOSURE, SensorWindow(1, shape))
-    line = (frame.row_normal if axis == 0 else frame.column_normal)("amplifier").ravel()
-    assert abs(np.corrcoef(line, frame.normal("amplifier").ravel())[0, 1]) < 5 / np.sqrt(n)
-    other = ms.Frame(EXPOSURE, SensorWindow(1, shape[::-1]))
-    across = (other.column_normal if axis == 0 else other.row_normal)("amplifier").ravel()
-    assert abs(np.corrcoef(line, across)[0, 1]) < 5 / np.sqrt(n)
-    assert line[0] != across[0]

@@ -25,10 +25,10 @@ from ...core import Exposure, Float64Array, InputError, nearest
 from ...optics.shutter import displaced_share, phase_of_pass, shutter_of, subframes
 from ...optics.waveform import Waveform
 from ..light.statistics import TimeSampling
+from ..load.scene import Scene
 from ..samples import hashed_seed, whole_grid
-from ..scene.scene import Scene
+from ..scene.motion import Motion, RigidMotion
 from ..variants import MitsubaObject, mitsuba
-from .motion import Motion, RigidMotion
 from .rays import camera_to_world, first_hits, project
 
 MOST_BLOCKS = (
@@ -189,7 +189,7 @@ def _require_movable(motion: Motion, names: Sequence[str]) -> None:
     if known:
         has = f"the ids are {', '.join(known)}"
     raise InputError(
-        f"the motion names {missing!r}, which is no shape of the scene and no emitter with a transform; "
+        f"the motion names {missing!r}, which is neither a shape of the scene nor an emitter with a transform; "
         f"{has}.{nearest(missing, known)}"
     )
 

@@ -16,7 +16,7 @@ from ...camera.camera import Camera
 from ...core import InputError, nearest
 from ..light.light_sum import OF_PHOTODIODES
 from ..variants import MitsubaObject, mitsuba
-from .asked_groups import GROUP_NAME, AskedGroups, refuse_many
+from .asked import GROUP_NAME, AskedGroups, refuse_many
 from .parsed_scene import ParsedScene
 
 OTHER = "other"
@@ -93,7 +93,7 @@ def parts_of_light(
     if camera.sensor.dual_pixel:
         raise InputError(
             f"light_groups are given, and {camera.name} has dual pixels, whose light is rendered by halves of the "
-            "pupil; leave light_groups out, or set sensor.dual_pixel to false."
+            "pupil; omit light_groups, or set sensor.dual_pixel to false."
         )
     return light_groups_of(scene, asked)
 
