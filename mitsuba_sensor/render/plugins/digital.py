@@ -104,13 +104,16 @@ def raw_log_likelihood(
     Temporal noise that pixels of a row or column share is treated as independent.
     Returns a tensor (H, W) of the type of the image; its sum is what to maximise. Raises InputError.
     """
-    passes = list(image) if isinstance(image, list | tuple) else [image]
+    passes: list[Array] = [*image] if isinstance(image, list | tuple) else [image]
     shapes = {getattr(one, "shape", None) for one in passes}
     if len(shapes) != 1:
         raise InputError(
             f"image is a list of images of {len(shapes)} shapes; pass one or several renders of the same sensor."
         )
-    mean = sum(passes[1:], passes[0]) / len(passes) if len(passes) > 1 else passes[0]
+    mean = passes[0]
+    for one in passes[1:]:
+        mean = mean + one
+    mean = mean / len(passes)
     chip = _Chip.of(mean, camera, exposure, sensor, parameters, options)
     highest, codes = (
         chip.pixels.highest,
