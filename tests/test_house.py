@@ -479,7 +479,7 @@ def test_help_cameras_and_completion_import_only_what_they_show() -> None:
 LINES_OF_A_MODULE, PARAMETERS = 420, 8
 
 TOKENS_MAX = {
-    ".": 8068,
+    ".": 8054,
     "bench": 23369,
     "benchmarks": 31961,
     "camera": 24826,
@@ -488,7 +488,7 @@ TOKENS_MAX = {
     "dataset": 43070,
     "examples": 8782,
     "files": 19356,
-    "gradient": 4248,
+    "gradient": 4264,
     "lab": 67856,
     "optics": 17471,
     "output": 25663,
@@ -496,9 +496,9 @@ TOKENS_MAX = {
     "render": 79769,
     "reproduction": 12087,
     "sensor": 13925,
-    "stages": 32746,
+    "stages": 32875,
     "study": 9256,
-    "tests": 367497,
+    "tests": 368263,
     "theory": 14658,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

@@ -51,7 +51,7 @@ def render_progress(
     now : what is done at first.  Beside the bar the noise ratio as it falls, and the time so far. Yields what
     ``capture`` takes as its progress.
     """
-    from ..render.passes.told import Series
+    from ..render.passes.stop_criterion import Series
 
     series = Series(options)
     columns = (
