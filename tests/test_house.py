@@ -493,7 +493,7 @@ TOKENS_MAX = {
     "optics": 17471,
     "output": 25663,
     "pages": 3350,
-    "render": 79769,
+    "render": 80010,
     "reproduction": 12087,
     "sensor": 13925,
     "stages": 32875,
