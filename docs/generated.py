@@ -171,14 +171,10 @@ def _plain(markup: str) -> str:
 
 
 def public_names() -> str:
-    """Every public name and the first sentence about it."""
+    """Every public name and the first sentence about it; names of the laboratory are in its own pages."""
     lines = ["| name | what it is |", "|---|---|"]
-    for prefix, module in (("ms", ms), ("ms.lab", ms.lab)):
-        for name in sorted(module.__all__, key=str.lower):
-            if name != "lab":
-                lines.append(
-                    f"| `{prefix}.{name}` | {_first_sentence(getattr(module, name), name)} |"
-                )
+    for name in sorted(ms.__all__, key=str.lower):
+        lines.append(f"| `ms.{name}` | {_first_sentence(getattr(ms, name), name)} |")
     return "\n".join(lines)
 
 
