@@ -1,4 +1,4 @@
-"""Medians and ratios of times, limits of many comparisons, and the interval of a noncentrality."""
+"""Estimates: medians and ratios of times, standard errors, limits of many comparisons, noncentral χ² intervals."""
 
 from __future__ import annotations
 
