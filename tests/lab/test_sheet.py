@@ -397,7 +397,7 @@ def test_two_sheets_are_compared_figure_by_figure(tmp_path: Path, tiny_file: str
     assert abs(lines["s"]["z"]) < 4
     assert lines["s"]["ratio_low"] < 1 < lines["s"]["ratio_high"] or abs(lines["s"]["z"]) > 1.9
     assert "FMI" not in lines and any(
-        "not compared: 2 figures" in one for one in found["findings"]
+        one.startswith("not compared") for one in found["findings"]
     )
     assert (tmp_path / "c" / "comparison.csv").read_text("utf-8").count("\n") == len(lines) + 1
     assert f"Image quality of {TINY.name} and loud" in found["title"] and not found["verdict"]
