@@ -498,7 +498,7 @@ TOKENS_MAX = {
     "sensor": 13925,
     "stages": 32875,
     "study": 9256,
-    "tests": 368504,
+    "tests": 368505,
     "theory": 14658,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
