@@ -485,11 +485,11 @@ TOKENS_MAX = {
     "camera": 24826,
     "cli": 25332,
     "core": 24340,
-    "dataset": 43070,
+    "dataset": 43243,
     "examples": 8782,
     "files": 19356,
     "gradient": 4264,
-    "lab": 67856,
+    "lab": 67959,
     "optics": 17471,
     "output": 25663,
     "pages": 3350,
@@ -498,7 +498,7 @@ TOKENS_MAX = {
     "sensor": 13925,
     "stages": 32875,
     "study": 9256,
-    "tests": 368263,
+    "tests": 368505,
     "theory": 14658,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
