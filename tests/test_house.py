@@ -491,7 +491,7 @@ TOKENS_MAX = {
     "examples": 8782,
     "files": 19269,
     "gradient": 4248,
-    "lab": 67916,
+    "lab": 67948,
     "optics": 17471,
     "output": 25663,
     "pages": 3350,
