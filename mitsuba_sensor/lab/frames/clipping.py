@@ -184,7 +184,8 @@ def mark_rounding(figure: Quantity, *stacks: Stack, per_dn: float = 1.0) -> Quan
     """
     shift = sum(stack.rounding_shift_dn for stack in stacks)
     hidden = 0.0
-    for stack in stacks:  # of a difference of variances each stack's own is what rounding changes
+    # Of a difference of variances each stack's own is what rounding changes.
+    for stack in stacks:
         most_dn = min(figure.high / per_dn, math.sqrt(stack.changes.of_means))
         own_dn = stack.rounding_shift_dn
         hidden += own_dn * (own_dn + 2 * most_dn) * per_dn**2
