@@ -183,8 +183,13 @@ def mark_rounding(figure: Quantity, *stacks: Stack, per_dn: float = 1.0) -> Quan
     per_dn : the figure's unit over DN.
     """
     shift = sum(stack.rounding_shift_dn for stack in stacks)
-    hidden = shift * (shift + 2 * figure.high / per_dn) * per_dn**2
-    if not shift or not math.isfinite(hidden):
+    hidden = 0.0
+    # Of a difference of variances each stack's own is what rounding changes.
+    for stack in stacks:
+        most_dn = min(figure.high / per_dn, math.sqrt(stack.changes.of_means))
+        own_dn = stack.rounding_shift_dn
+        hidden += own_dn * (own_dn + 2 * most_dn) * per_dn**2
+    if not shift or not math.isfinite(figure.high):
         return figure
     if hidden > MOST_ROUNDING * figure.high**2 and shift > LEAST_DN:
         return figure.without_value(f"not measurable: rounding may add or hide {shift:.2g} DN")

@@ -152,7 +152,7 @@ def _share(name: str, pixels: NDArray[np.bool_] | None, *stacks: Stack) -> Quant
         now_and_then = float(shares[shares < 1].sum())
         noise_is_clipped = len(stack) == 1 or now_and_then > LARGEST_SHARE * shares.size
         most_are = np.count_nonzero(shares == 1) >= shares.size / 2
-        hides = clipping.clipped and (noise_is_clipped or most_are)
+        hides = clipping.clipped and bool(noise_is_clipped or most_are)
         if hides or clipping.lowest == clipping.largest:
             figure = figure.without_value(clipping.note, clipped=hides)
     return figure

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -282,7 +282,7 @@ class _Drawn(NamedTuple):
     """Figures and drawings of several results."""
 
     quantities: tuple[Quantity, ...]
-    plots: dict[str, Callable[[Axes], object]]
+    plots: Mapping[str, Callable[[Axes], object]]
 
 
 def _spectrograms(dark: Stack, half: Stack) -> _Drawn:

@@ -113,17 +113,21 @@ def polarization(
     covariance = np.einsum("ik,...k,jk->...ij", inverse, variance, inverse)
     known = ~np.isnan(stokes[..., 0])
     count = max(int(known.sum()), 1)
+    whole = stokes[known].sum(axis=0) / count, covariance[known].sum(axis=0) / count**2
+    _, mean_error, mean, angle_deg, angle_error = map(float, _degree_and_angle(*whole))
+    degree, angle = normal_interval(mean, mean_error), normal_interval(angle_deg, angle_error)
+    s0, s1, s2 = np.moveaxis(stokes, -1, 0)
     maps = _degree_and_angle(stokes, covariance)
-    _, dolp_error, dolp, aolp_deg, aolp_error_deg = map(
-        float,
-        _degree_and_angle(
-            stokes[known].sum(axis=0) / count, covariance[known].sum(axis=0) / count**2
-        ),
-    )
-    degree, angle = normal_interval(dolp, dolp_error), normal_interval(aolp_deg, aolp_error_deg)
+    dolp, dolp_error, dolp_without_bias, aolp_deg, aolp_error_deg = maps
     return Polarization(
-        *np.moveaxis(stokes, -1, 0),
-        *maps,
+        s0,
+        s1,
+        s2,
+        dolp,
+        dolp_error,
+        dolp_without_bias,
+        aolp_deg,
+        aolp_error_deg,
         mean_dolp=Quantity("DoLP", "degree of linear polarisation", *degree, "", SECTION),
         mean_aolp=Quantity("AoLP", "angle of linear polarisation", *angle, "°", SECTION),
     )

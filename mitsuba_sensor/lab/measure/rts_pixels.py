@@ -108,6 +108,7 @@ def rts_pixels(stack: Stack, false_alarm: float = 0.01) -> TelegraphPixels:
     parts = [places[begin : begin + PIXELS] for begin in range(0, len(places), PIXELS)]
     tables = [_fit_pixels(stack, part, quiet_dn2, limit) for part in parts]
     table = np.concatenate([np.zeros((6, 0)), *tables], axis=1)
+    rows, columns, steps, step_errors, shares, share_errors = table
     detectable = _detectable_step(quiet_dn2, limit, frames)
     share = share_interval(table.shape[1] / pixels, pixels)
     fraction = Quantity("RTS", "share of RTS pixels", *share, "", SECTION).scaled(100, "%")
@@ -119,8 +120,12 @@ def rts_pixels(stack: Stack, false_alarm: float = 0.01) -> TelegraphPixels:
     return TelegraphPixels(
         mark_clipped(fraction, stack),
         mark_clipped(step.noted("" if table.shape[1] else "no RTS pixels"), stack),
-        *table[:2].astype(np.intp),
-        *table[2:],
+        rows.astype(np.intp),
+        columns.astype(np.intp),
+        steps,
+        step_errors,
+        shares,
+        share_errors,
         detectable,
     )
 

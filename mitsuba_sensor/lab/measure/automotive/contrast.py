@@ -134,7 +134,7 @@ def _count(
     if ends[0] == 0:  # dark pixels below 0 are darker than any bright one
         low[:] = 0
     high = np.searchsorted(others, highest, "right")
-    return np.maximum(high - low, 0).astype(np.float64)
+    return np.asarray(np.maximum(high - low, 0), np.float64)
 
 
 def _mean_contrast(patches: tuple[Float64Array, Float64Array], kind: str) -> Quantity:

@@ -158,9 +158,9 @@ def _fit_ring(polar: _Polar, ring: tuple[float, float], cycles: int) -> _Ring:
         inverse = np.linalg.pinv(design.T @ design)
         solution = inverse @ (design.T @ values)
         residual = values - design @ solution
-        variance = float(residual @ residual) / (values.size - design.shape[1])
-        mean = float((design[:, 2:] @ solution[2:]).mean())
-        fits.append((complex(*solution[:2]), mean, variance * np.diag(inverse)[:2].mean()))
+        noise = float(residual @ residual) / (values.size - design.shape[1])
+        level = float((design[:, 2:] @ solution[2:]).mean())
+        fits.append((complex(*solution[:2]), level, noise * np.diag(inverse)[:2].mean()))
     amplitude, mean, variance = (np.array(column) for column in zip(*fits, strict=True))
     return _Ring(amplitude, mean, variance)
 

@@ -178,13 +178,17 @@ def step_chart(
         saturation = saturation.noted("pass bits of the stack, or saturation_dn")
     else:
         saturation = _speed(saturation, response, (largest, 0.0), SATURATION_CONSTANT)
+    speed_40, speed_10 = (
+        _noise_speed(ratio, response, noisy, largest, hidden) for ratio in SPEED_RATIOS
+    )
     return StepChart(
         exposures,
         patches,
         response,
         _linearity(light, part, response),
         saturation,
-        *(_noise_speed(ratio, response, noisy, largest, hidden) for ratio in SPEED_RATIOS),
+        speed_40,
+        speed_10,
         NO_RANGE.noted(hidden) if hidden else _dynamic_range(noisy, largest),
     )
 
