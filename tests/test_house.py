@@ -489,7 +489,7 @@ TOKENS_MAX = {
     "examples": 8782,
     "files": 19356,
     "gradient": 4264,
-    "lab": 67959,
+    "lab": 68051,
     "optics": 17471,
     "output": 25663,
     "pages": 3350,
