@@ -1,6 +1,7 @@
 """Reads text that people and other programs write, within limits of size and depth that hold before it is parsed."""
 
 import json
+import os
 import re
 import stat
 import tomllib
@@ -30,15 +31,21 @@ def require_small(path: Path, what: str, most_bytes: int = MOST_BYTES) -> None:
 
     what : the file is, for the message: ``the camera file``.
     """
-    found = path.stat()
-    if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(
-        found.st_mode
-    ):  # of a folder reading it says so
-        raise InputError(f"{what} {path} is no regular file; give the path of one.")
-    if found.st_size > most_bytes:
-        raise InputError(
-            f"{what} {path} has {found.st_size} bytes; it may have {most_bytes} at most."
-        )
+    size = require_regular(path, what)
+    if size > most_bytes:
+        raise InputError(f"{what} {path} has {size} bytes; it may have {most_bytes} at most.")
+
+
+def require_regular(path: str | os.PathLike[str], what: str = "the file") -> int:
+    """Return the size of a file [byte]. Raise InputError for a pipe or a device, whose reader may wait for ever, and
+    OSError where there is no file.
+
+    what : the file is, for the message.
+    """
+    found = os.stat(path)
+    if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):  # readers refuse it
+        raise InputError(f"{what} {os.fspath(path)} is no regular file; give the path of one.")
+    return found.st_size
 
 
 def toml_tables(text: str) -> dict[str, Any]:
@@ -85,6 +92,8 @@ def json_value(text: str | bytes) -> Any:
         value = json.loads(text)
     except RecursionError:
         raise ValueError(TOO_DEEP) from None
+    except ValueError as error:  # Python adds how a program lifts its limit of digits
+        raise ValueError(str(error).partition("; use")[0]) from None
     if wrong := beyond_limits(value):
         raise ValueError(wrong)
     return value

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import InputError
+from ..core.small_files import require_regular
 from .appearing import appearing
 from .plausible import require_plausible
 
@@ -230,6 +231,7 @@ PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
 def require_exr(path: Path) -> None:
     """Raise InputError for anything that is not an OpenEXR file."""
     try:
+        require_regular(path)
         with path.open("rb") as file:
             magic = file.read(len(EXR_MAGIC))
     except OSError as error:

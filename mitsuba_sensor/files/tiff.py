@@ -12,6 +12,7 @@ import numpy as np
 
 from ..core import InputError, refuse_masked
 from ..core.checks import refuse_path
+from ..core.small_files import require_regular
 from .appearing import appearing
 from .texts import to_json
 
@@ -155,6 +156,7 @@ def read_named_pages(path: Path) -> list[tuple[str, np.ndarray]]:
     import tifffile
 
     try:
+        require_regular(path)
         with tifffile.TiffFile(path) as opened:
             pages = [page.aspage() for page in opened.pages]
             return [(str(page.tags[PAGE_NAME].value), page.asarray()) for page in pages]
