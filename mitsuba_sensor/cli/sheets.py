@@ -3,14 +3,12 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from ..core import InputError
 from ..core.options import Option, complete, part_of
 from . import arguments, options
-from .app import app, err, show, show_remarks
+from .app import app, err
 from .help import Command
-from .measuring import SimulatedFlags, how_made, refuse_beside_frames
+from .measuring import SimulatedFlags, finish, how_made, refuse_beside_frames, write_texts
 from .options import CameraFlags, Flags, StudyFlags
 from .progress import steps_bar
 from .values import Flag
@@ -62,17 +60,6 @@ class SheetFlags(SimulatedFlags, total=False):
     ]
 
 
-Compared = Annotated[
-    tuple[str, str] | None,
-    typer.Option(
-        "--compare",
-        metavar="A B",
-        help="Two sheets side by side: folders that this command wrote, or names of cameras.",
-        rich_help_panel=PANEL,
-    ),
-]
-
-
 @app.command(
     cls=Command,
     epilog="Example: mitsuba-sensor sheet bayer_2mp -o sheet/; two: mitsuba-sensor sheet --compare sheet/ other/",
@@ -83,12 +70,10 @@ Compared = Annotated[
     StudyFlags,
     without=("camera", "exposure_s", "meter", "temperature_k", "gain", "force"),
     first=("gains", "temperatures", "charts", "frames", "compare", "out", "as_json"),
-    source="",
-    helps={"out": "Folder for the page and its data. Default: sheet."},
 )
 def sheet(
     camera: arguments.SheetCamera = None,
-    compare: Compared = None,
+    compare: arguments.Compared = None,
     **flags: Flag,
 ) -> None:
     """Image quality of a camera on one page: what charts show at every gain and temperature, beside theory.
@@ -100,8 +85,10 @@ def sheet(
     Writes sheet.html, sheet.json and sheet.csv; --compare writes comparison.html, comparison.json and comparison.csv.
     Exit code 1: a figure is not what theory says.
     """
+    from ..bench.sheet.page import csv_text
     from ..core import first_given
     from ..files.appearing import require_folder
+    from ..files.texts import to_json
     from ..pages.html_page import html
 
     asked = complete(SheetFlags, part_of(SheetFlags, flags))
@@ -109,36 +96,16 @@ def sheet(
     require_folder(folder)
     with steps_bar(err) as progress:
         if compare is not None:
-            made = _comparison(camera, compare, asked, flags, progress)
+            found = _comparison(camera, compare, asked, flags, progress)
         elif asked["frames"] is not None:
-            made = _of_frames(camera, asked, flags, progress)
+            found = _of_frames(camera, asked, flags, progress)
         else:
-            made = _of_camera(camera, asked, flags, progress)
+            found = _of_camera(camera, asked, flags, progress)
         progress(1, 1, "drawing the page")
-        drawn = html(made)
-    _write(made, drawn, folder, flags)
-    if not made.passed:
-        raise typer.Exit(1)
-
-
-def _write(made: "Study", drawn: str, folder: str, flags: Flags) -> None:
-    """Page, JSON and CSV in the folder, and what of it the terminal shows."""
-    from ..bench.sheet.page import csv_text
-    from ..files import texts
-    from ..files.appearing import output_folder
-    from .remarks import written
-    from .study_sheet import study_sheet
-
-    names = FILES if made.name == "sheet" else COMPARISON
-    page, data, rows = names
-    with output_folder(folder, names) as scratch:
-        texts.write_page(scratch / page, drawn)
-        texts.write_json(scratch / data, made.to_dict())
-        texts.write_page(scratch / rows, csv_text(made.data["rows"]))
-    as_json = bool(flags["as_json"])
-    shown = study_sheet(made, str(Path(folder) / page))
-    show(made.to_dict() if as_json else shown, as_json)
-    show_remarks(as_json, [written(folder, names)])
+        texts = html(found), to_json(found.to_dict()) + "\n", csv_text(found.data["rows"])
+    names = FILES if found.name == "sheet" else COMPARISON
+    write_texts(folder, dict(zip(names, texts, strict=True)))
+    finish(found, folder, names, flags["as_json"])
 
 
 def _of_camera(
@@ -146,26 +113,16 @@ def _of_camera(
 ) -> "Study":
     """The sheet of a simulated camera."""
     from ..bench.sheet.page import sheet_study
+    from .inputs import camera_of
 
     if name is None:
         raise InputError(
             "sheet needs a camera; give the name of one, e.g. mitsuba-sensor sheet bayer_2mp, or --frames DIR, or "
             "--compare A B."
         )
-    camera = _camera(name, flags)
+    camera = camera_of({**flags, "camera": name})
     parts = _parts(camera, asked, progress)
     return sheet_study(camera.name, parts, camera=camera.name, **how_made())
-
-
-def _camera(name: str, flags: Flags) -> "Camera":
-    """The camera with --set, --readout and --without."""
-    from ..camera.camera_file import load_camera
-    from .inputs import changes_of
-
-    camera = load_camera(name).replace(**changes_of(flags))
-    if flags["readout"] is not None:
-        camera = camera.at_readout(str(flags["readout"]))
-    return camera.without(*flags.get("without") or ())
 
 
 def _parts(camera: "Camera", asked: SheetFlags, progress: "Report") -> "list[ChartPart]":
@@ -190,10 +147,11 @@ def _of_frames(
     """The sheet of frames from disk."""
     from ..bench.sheet.page import sheet_study
     from ..bench.sheet.real_frames import sheet_of_frames
+    from .inputs import camera_of
 
     refuse_beside_frames(asked, ("gains", "temperatures", "charts", "serial", "seed"))
     path = Path(asked["frames"] or "")
-    camera = None if name is None else _camera(name, flags)
+    camera = None if name is None else camera_of({**flags, "camera": name})
     parts = sheet_of_frames(path, camera, progress)
     title = path.resolve().name if camera is None else camera.name
     return sheet_study(title, parts, frames=str(path), **how_made())
@@ -209,6 +167,7 @@ def _comparison(
     """Two sheets side by side; one of a camera is made first."""
     from ..bench.sheet.comparison import compared, read_sheet
     from ..bench.sheet.page import sheet_study
+    from .inputs import camera_of
 
     if name is not None or asked["frames"] is not None:
         other = "--frames" if name is None else name
@@ -217,7 +176,9 @@ def _comparison(
         )
     on_disk = [one for one in compare if Path(one).is_dir() or Path(one).suffix == ".json"]
     sheets = {one: read_sheet(Path(one)) for one in on_disk}
-    cameras = {one: _camera(one, flags) for one in compare if one not in on_disk}
+    cameras = {
+        one: camera_of({**flags, "camera": one}) for one in compare if one not in on_disk
+    }
     for one, camera in cameras.items():
         sheets[one] = sheet_study(camera.name, _parts(camera, asked, progress)).data["rows"]
     names = tuple(Path(one).name or one for one in compare)

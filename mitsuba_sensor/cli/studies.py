@@ -15,7 +15,7 @@ from ..core.options import complete, part_of
 from ..render.options import SceneOptions
 from ..stopping import remark_if_stopped
 from . import arguments, options
-from .app import app, err, show, show_remarks
+from .app import app, err
 from .help import Command, Group
 from .options import AblationFlags, Flags, StudyFlags, WorkPrecisionFlags
 from .progress import share_bar
@@ -58,8 +58,7 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
     """
     from ..study.work_precision import RECORDS, SIDES
     from ..study.work_precision import work_precision as measured
-    from .inputs import render_input
-    from .remarks import taken_by_default
+    from .inputs import render_input, taken_by_default
 
     asked: dict[str, Flag] = dict(
         complete(WorkPrecisionFlags, part_of(WorkPrecisionFlags, flags))
@@ -95,27 +94,19 @@ def ablation(scene: arguments.Scene, **flags: Flag) -> None:
     from ..core import first_given
     from ..study.ablation import RECORDS
     from ..study.ablation import ablation as measured
-    from .inputs import render_input
-    from .remarks import taken_by_default
+    from .inputs import render_input, taken_by_default
 
     asked: dict[str, Flag] = dict(complete(AblationFlags, part_of(AblationFlags, flags)))
     require("tolerance_dn", asked["tolerance_dn"], 0.0, 1e9, "digital numbers, e.g. 0.02")
     found, _ = render_input(scene, flags)
-    asked |= {
-        name: first_given(asked[name], getattr(found.scene.settings, name), 1)
-        for name in ("seed", "serial")
-    }
+    for name in ("seed", "serial"):
+        asked[name] = first_given(asked[name], getattr(found.scene.settings, name), 1)
     subject, question = _subject(
         scene, found, flags, spp=asked.pop("spp"), variant=flags["variant"]
     )
-    _run(
-        "ablation",
-        flags,
-        {**question, **asked},
-        partial(measured, subject=subject, **asked),
-        RECORDS,
-        taken_by_default(flags, found.scene.settings, found.camera),
-    )
+    measure = partial(measured, subject=subject, **asked)
+    defaults = taken_by_default(flags, found.scene.settings, found.camera)
+    _run("ablation", flags, {**question, **asked}, measure, RECORDS, defaults)
 
 
 @study.command(
@@ -175,54 +166,36 @@ def _run(
     """
     from ..core import first_given
     from ..files.appearing import refuse_empty
-    from ..study.running import PAGE, StudyFolder
-    from .remarks import written
-    from .study_sheet import study_sheet
+    from ..study.running import StudyFolder
+    from .measuring import finish
 
-    refuse_empty(
-        first_given(flags["out"], name), "-o", "give the name of a folder, e.g. -o study/out"
-    )
-    path = Path(first_given(flags["out"], f"study/{name}"))
+    out = first_given(flags["out"], f"study/{name}")
+    refuse_empty(out, "-o", "give the name of a folder, e.g. -o study/out")
     about: dict[str, object] = {"command": _command()}
     if question:
-        about |= {
-            "scene": question["scene"],
-            "camera": question["camera"]["name"],
-            "exposure": question["exposure"],
-        }
-    folder = StudyFolder(path, name, question, about, records)
+        camera = question["camera"]["name"]
+        about |= {name: question[name] for name in ("scene", "exposure")} | {"camera": camera}
+    folder = StudyFolder(Path(out), name, question, about, records)
     known = folder.measurements(flags["force"])
     remark_if_stopped(partial(_kept, known))
     with share_bar(err) as progress:
         outcome = folder.run(measure, known, progress)
-    if flags["as_json"]:
-        show(outcome.to_dict(), True)
-    else:
-        show(study_sheet(outcome, str(path / PAGE)), False)
-    show_remarks(flags["as_json"], [*defaults, written(path, folder.written)])
-    if not outcome.passed:
-        raise typer.Exit(1)
+    finish(outcome, out, folder.written, flags["as_json"], defaults)
 
 
 def _command() -> str:
     """The command that was given, without where it writes and how it shows what it found."""
-    asked = []
-    for before, argument in zip(sys.argv, sys.argv[1:], strict=False):
-        if argument not in ("-o", "--out", "--json", "--force") and before not in (
-            "-o",
-            "--out",
-        ):
+    without, before = ("-o", "--out"), ""
+    asked = ["mitsuba-sensor"]
+    for argument in sys.argv[1:]:
+        if argument not in (*without, "--json", "--force") and before not in without:
             asked.append(argument)
-    return shlex.join(["mitsuba-sensor", *asked])
+        before = argument
+    return shlex.join(asked)
 
 
 def _kept(known: "Measurements") -> str | None:
     """What a stopped study leaves."""
-    n = len(known)
-    if n == 1:
-        which = "1 measurement is"
-    else:
-        which = f"{n} measurements are"
-    if n:
-        return f"{which} kept in {known.folder}; the same command goes on from there"
-    return None
+    if not known:
+        return None
+    return f"{len(known)} measurement(s) are kept in {known.folder}; the same command continues from there"

@@ -1,4 +1,4 @@
-"""Reads text that people and other programs write, within limits of size and depth that hold before it is parsed."""
+"""Limits of what is read, which hold before it is parsed or unpacked: kind, size and depth of a file."""
 
 import json
 import os
@@ -14,6 +14,11 @@ MOST_BYTES = 2**22  # of a file that people write: camera, lens, curves, motion
 DEEPEST = 32  # tables and lists inside of one another; parts of a dotted key
 MOST_BITS = 14_000  # of a whole number: Python writes at most 4300 digits
 TOO_DEEP = f"tables or lists are nested more than {DEEPEST} deep"
+
+ALWAYS_BYTES = 2**28
+"""May come out of any file."""
+MOST_RATIO = 200
+"""Of unpacked over stored bytes: frames with noise reach 20, deflate ends at 1032."""
 
 STRING_OR_COMMENT = re.compile(
     r'"""(?>[^"\\]+|\\.|"(?!""))*+"{3,5}'  # up to two quotes may stand before the closing three
@@ -46,6 +51,21 @@ def require_regular(path: str | os.PathLike[str], what: str = "the file") -> int
     if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):  # readers refuse it
         raise InputError(f"{what} {os.fspath(path)} is no regular file; give the path of one.")
     return found.st_size
+
+
+def require_plausible(path: Path, unpacked_bytes: int) -> None:
+    """Raise InputError where the pixels that a header announces cannot be in the file, before memory is taken."""
+    require_plausible_ratio(str(path), path.stat().st_size, unpacked_bytes)
+
+
+def require_plausible_ratio(place: str, stored_bytes: int, unpacked_bytes: int) -> None:
+    """Raise InputError where they cannot be in so many bytes.  place : what has them, for the message."""
+    if unpacked_bytes > max(ALWAYS_BYTES, MOST_RATIO * stored_bytes):
+        raise InputError(
+            f"{place} has {stored_bytes} bytes and says that {unpacked_bytes} come out of them, {MOST_RATIO} times "
+            "as many at most are read; it is damaged, or made to fill the memory: write it again, uncompressed if it "
+            "is right."
+        )
 
 
 def toml_tables(text: str) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from ..camera.dual_pixels import has_several_readouts
 from ..core import Exposure
 from ..core.versions import versions
 from ..files import durable, png, texts, tiff
-from ..files.readout_pages import READOUTS
+from ..files.tiff import READOUTS
 from ..output import exr
 from ..output.dng import dng_names, write_dng
 from ..output.frame_files import image_facts, preview_of

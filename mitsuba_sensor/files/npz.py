@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from ..core import InputError
-from ..core.small_files import require_regular
+from ..core.small_files import require_plausible, require_regular
 from .appearing import appearing
-from .plausible import require_plausible
 
 MAGIC = b"\x93NUMPY"
 

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import InputError
-from ..core.small_files import require_regular
+from ..core.small_files import require_plausible, require_regular
 from .appearing import appearing
-from .plausible import require_plausible
 
 EXR_MAGIC = b"\x76\x2f\x31\x01"  # OpenEXR file layout, "Magic Number"
 ZIP_ROWS = 16  # that are compressed together (OpenEXR file layout, "ZIP_COMPRESSION")

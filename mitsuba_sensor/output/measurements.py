@@ -18,6 +18,7 @@ from ..camera.camera_file import camera_from
 from ..core import InputError
 from ..files.appearing import appearing
 from ..files.disk_errors import disk_sentences
+from ..files.durable import make_lasting
 from ..files.npz import read_arrays
 from ..files.texts import plain_values
 
@@ -57,7 +58,7 @@ class Measurements(dict[str, Any]):
     def __setitem__(self, name: str, value: Any) -> None:
         super().__setitem__(name, value)
         with disk_sentences(self.folder):
-            self.folder.mkdir(parents=True, exist_ok=True)
+            make_lasting(self.folder)
         file_name = f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.npz"
         with appearing(self.folder / file_name) as path:
             write_value(path, (name, value))

@@ -203,7 +203,7 @@ def test_frames_on_disk_give_the_figures_of_the_same_frames_in_memory(
         (["--bits", "12"], "--bits is for frames from disk"),
         (["--camera", "konnik_tabel1"], "Did you mean 'konnik_table1'?"),
         (["--wavelength-nm", "2000"], "sees nothing at 2000 nm; give a wavelength from"),
-        (["--wavelength-nm", "-3"], "--wavelength-nm is -3"),
+        (["--wavelength-nm", "-3"], "wavelength_nm is -3"),
         (["--camera", "konnik_table1", "-o", ""], "-o is empty"),
     ],
 )

@@ -26,12 +26,7 @@ QUESTION = {
 
 def filled(folder: Path) -> Measurements:
     found = Measurements(folder, QUESTION)
-    found["first"] = {
-        "seconds": [0.25, 1 / 3],
-        "error": math.inf,
-        "none": None,
-        "array": np.arange(3.0),
-    }
+    found["first"] = {"seconds": [0.25, 1 / 3], "error": math.inf, "array": np.arange(3.0)}
     found["second"] = [1, 2, 3]
     return found
 
@@ -71,31 +66,7 @@ def test_measurements_of_another_question_are_not_read_and_not_lost(
     other = Measurements(tmp_path, {**QUESTION, **change})
     assert not other
     other["first"] = "of the other"
-    assert Measurements(tmp_path, QUESTION)["first"]["none"] is None
-
-
-def test_measuring_anew_forgets_what_there_is_for_this_question_alone(tmp_path: Path) -> None:
-    filled(tmp_path)
-    other = {**QUESTION, "seeds": 3}
-    Measurements(tmp_path, other)["first"] = 3
-    anew = Measurements(tmp_path, QUESTION, force=True)
-    assert not anew
-    anew["third"] = 3
-    assert (
-        list(Measurements(tmp_path, QUESTION)) == ["third"]
-        and Measurements(tmp_path, other)["first"] == 3
-    )
-
-
-def test_what_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(ms.InputError, match="cannot write"):
-        Measurements(tmp_path / "file", QUESTION)["first"] = 1
-
-
-def test_nothing_is_written_before_the_first_measurement(tmp_path: Path) -> None:
-    Measurements(tmp_path / "new", QUESTION)
-    assert not (tmp_path / "new").exists()
+    assert Measurements(tmp_path, QUESTION)["first"]["error"] == math.inf
 
 
 class Point(NamedTuple):

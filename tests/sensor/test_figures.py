@@ -163,7 +163,7 @@ def test_a_camera_without_codes_for_light_has_one_sentence_and_is_shown_neverthe
 
 def test_the_command_line_shows_symbol_value_and_unit(cli: Callable[..., Any]) -> None:
     said = cli("cameras", "show", "konnik_table1").stdout
-    for line in (r"σ_d +6\.1051 +e- rms", r"K +0\.12412 +DN/e-", r"DR +73\.36\d +dB"):
+    for line in (r"σ_d +6\.1051\d* +e- rms", r"K +0\.12412\d* +DN/e-", r"DR +73\.36\d +dB"):
         assert re.search(line, said), said
     found = json.loads(cli("cameras", "show", "konnik_table1", "--json").stdout)["emva1288"]
     assert (

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from ...core import InputError, nearest
 from ...files.raw_files import RawFile, read_raw
-from ...files.readout_pages import BOTH_HALVES, COMBINED, READOUTS, read_readouts
 from ...files.texts import Facts, read_json
+from ...files.tiff import BOTH_HALVES, COMBINED, READOUTS, read_readouts
 from .manifest import OWN_METADATA, OWN_RAW
 
 AGAIN = "write the frames again"
