@@ -454,11 +454,11 @@ TOKENS_MAX = {
     "bench": 26063,
     "benchmarks": 41669,
     "camera": 24773,
-    "cli": 21637,
+    "cli": 21612,
     "core": 24333,
     "dataset": 45321,
     "examples": 11859,
-    "files": 18684,
+    "files": 18711,
     "gradient": 4248,
     "lab": 72741,
     "optics": 17471,
@@ -469,7 +469,7 @@ TOKENS_MAX = {
     "sensor": 13920,
     "stages": 32706,
     "study": 16912,
-    "tests": 415161,
+    "tests": 414441,
     "theory": 13847,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

@@ -4,7 +4,7 @@ Paths are texts, because an empty text is no path, and ``Path("")`` is the curre
 """
 
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -15,16 +15,16 @@ OUTPUT = "Output"
 
 def _argument(
     metavar: str, help: str, completed: Callable[[str], list[str]] = shell_files
-) -> Any:
+) -> object:
     return typer.Argument(metavar=metavar, help=help, autocompletion=completed)
 
 
-def _out(metavar: str, help: str) -> Any:
+def _out(metavar: str, help: str) -> object:
     panel = {"rich_help_panel": OUTPUT, "autocompletion": shell_files}
     return typer.Option("-o", "--out", metavar=metavar, help=help, **panel)
 
 
-def _switch(flag: str, help: str) -> Any:
+def _switch(flag: str, help: str) -> object:
     return typer.Option(flag, help=help, rich_help_panel=OUTPUT)
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import typer
 
@@ -69,7 +68,11 @@ def render(
 
 
 def _print_frames(
-    report: Any, folder: str, names: Sequence[str], as_json: bool, remarks: Sequence[str]
+    report: Mapping[str, object],
+    folder: str,
+    names: Sequence[str],
+    as_json: bool,
+    remarks: Sequence[str],
 ) -> None:
     """frame.json, or its summary and which files there are.  names : of the files that the command writes."""
     from .inputs import written

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -17,7 +17,7 @@ from ..stopping import undone_if_stopped
 from .tables import number
 
 if TYPE_CHECKING:
-    from ..dataset.run import Show
+    from ..dataset.run import RunProgress, Show
     from ..render.passes.stop_criterion import RenderProgress
 
 WORKING = "working"
@@ -121,7 +121,7 @@ def samples_bar(console: Console) -> Iterator[Show]:
     began = time.monotonic()
     with share_bar(console, "starting") as tell:
 
-        def show(progress: Any) -> None:
+        def show(progress: RunProgress) -> None:
             doing, share = progress.standing(time.monotonic() - began)
             tell(f"{progress.counted()}, {doing}", share)
 

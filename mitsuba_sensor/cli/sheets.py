@@ -11,7 +11,7 @@ from .help import Command
 from .measuring import SimulatedFlags, finish, how_made, refuse_beside_frames, write_texts
 from .options import CameraFlags, Flags, StudyFlags
 from .progress import steps_bar
-from .values import Flag
+from .values import Flag, number
 
 if TYPE_CHECKING:
     from ..bench.sheet.sheet import ChartPart, Report
@@ -187,29 +187,18 @@ def _comparison(
 
 def _names(text: str | None) -> list[str]:
     """Names that commas separate; none where nothing is given."""
-    if text is None:
-        return []
-    names = [name.strip() for name in text.split(",")]
-    if not all(names):
-        raise InputError(f"{text!r} has an empty name; write names with commas between them.")
-    return names
+    return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
 def _kelvins(text: str | None) -> list[float]:
-    """Temperatures that commas separate."""
+    """Temperatures that commas separate, each once. Raises InputError."""
     from ..core import require
     from .inputs import tell_of_temperature
 
-    kelvins = []
+    kelvins = dict[float, None]()
     for name in _names(text) or [str(options.DEFAULT_TEMPERATURE_K)]:
-        try:
-            kelvin = float(name)
-        except ValueError:
-            raise InputError(
-                f"--temperatures has {name!r}; write numbers of kelvin, e.g. 278.15,298.15."
-            ) from None
-        kelvins.append(require("--temperatures", kelvin, 1.0, 1000.0, "kelvin, e.g. 298.15"))
+        allowed = 1.0, 1000.0, "kelvin, e.g. 278.15,298.15"
+        kelvins[require("--temperatures", number(name), *allowed)] = None
+    for kelvin in kelvins:
         tell_of_temperature(kelvin)
-    if len(set(kelvins)) < len(kelvins):
-        raise InputError(f"--temperatures {text} has one twice; write each once.")
-    return kelvins
+    return [*kelvins]

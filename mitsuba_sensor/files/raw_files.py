@@ -11,9 +11,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +26,7 @@ from ..core.small_files import (
 )
 from ..core.units import KELVIN_AT_0_C
 from .openexr import is_exr, require_plausible_exr
-
-if TYPE_CHECKING:
-    import tifffile
+from .tiff_checks import OF_RAW, require_all_pages, require_jpegs, require_segments
 
 TIFF, PICTURES, ARRAYS, FITS = (
     (".tif", ".tiff"),
@@ -55,12 +52,6 @@ CAMERA_RAW = (
 RAW_FORMATS = (*TIFF, *PICTURES, *ARRAYS, *FITS, *CAMERA_RAW)
 LONGEST_LABEL = 100  # characters of a gain setting
 NO_TILE: tuple[tuple[str, ...], ...] = ()
-DNG_VERSION = 50706  # tag
-LOSSLESS_JPEG = 7  # compression of a TIFF
-OF_RAW = (32803, 34892)  # photometric interpretation: colour filter array, linear raw
-LONGEST_JPEG_HEADER = 2**16
-JPEG_FRAMES = range(0xC0, 0xC4)
-HUFFMAN_TABLES, START_OF_SCAN = 0xC4, 0xDA
 EXTRA = "pip install 'mitsuba-sensor[raw]'"
 
 
@@ -425,65 +416,3 @@ def _plain(tag: Any) -> Any:
         with np.errstate(all="ignore"):
             return [float(x) for x in pairs[:, 0] / pairs[:, 1]]
     return value
-
-
-def require_all_pages(place: str, opened: tifffile.TiffFile) -> None:
-    """Raise InputError where the chain of pages leads beyond the end of the file."""
-    pages, end = len(opened.pages), opened.pages.next_page_offset
-    if end is None:
-        return
-    opened.filehandle.seek(end)
-    if any(opened.filehandle.read(opened.tiff.offsetsize)):
-        raise InputError(f"{place} is cut short after {pages} page(s); copy it again.")
-
-
-def require_segments(place: str, page: tifffile.TiffPage | tifffile.TiffFrame | None) -> None:
-    """Raise InputError for strips and tiles that are not in the file, which the reader takes for 0."""
-    lengths = [] if page is None or page.is_contiguous else page.databytecounts
-    if page is None or 0 in (*page.dataoffsets, *lengths):
-        raise InputError(
-            f"{place} lacks pixels: some of its strips or tiles are empty; leave it out, or copy it again."
-        )
-
-
-def require_jpegs(file: Path, opened: tifffile.TiffFile) -> None:
-    """Raise InputError where a lossless JPEG of a DNG lacks pixels of its tile, or of the picture: LibRaw reads one
-    strip and leaves memory as it was where it decodes nothing."""
-    if DNG_VERSION not in opened.pages.first.tags:
-        return
-    for page in [one for parent in opened.pages for one in (parent, *(parent.pages or ()))]:
-        if page.compression != LOSSLESS_JPEG or page.photometric not in OF_RAW:
-            continue
-        rows, columns = page.imagelength, page.imagewidth
-        height, width = rows, columns
-        if page.is_tiled:
-            height, width = page.tilelength, page.tilewidth
-        corners = product(range(0, rows, height), range(0, columns, width))
-        for number, (top, left) in enumerate(corners):
-            pixels = min(height, rows - top) * min(width, columns - left)
-            start = b""
-            if number < len(page.dataoffsets):
-                opened.filehandle.seek(page.dataoffsets[number])
-                start = opened.filehandle.read(LONGEST_JPEG_HEADER)
-            if _jpeg_samples(start) < pixels * page.samplesperpixel:
-                raise InputError(
-                    f"{file} has no whole picture at row {top}, column {left}, where a lossless JPEG of {pixels} "
-                    "pixels belongs; copy it again, or convert it with Adobe's DNG converter."
-                )
-
-
-def _jpeg_samples(start: bytes) -> int:
-    """How many samples a JPEG has that begins so; 0 without frame, Huffman tables or a scan (ITU-T T.81, B.1.1)."""
-    samples, has_tables, place = 0, False, 2
-    while start[:2] == b"\xff\xd8" and start[place : place + 1] == b"\xff":
-        marker = int.from_bytes(start[place + 1 : place + 2], "big")
-        segment = start[place + 2 : place + 10]
-        if marker == START_OF_SCAN and has_tables:
-            return samples
-        if marker in JPEG_FRAMES and len(segment) == 8:
-            samples = (
-                (segment[3] << 8 | segment[4]) * (segment[5] << 8 | segment[6]) * segment[7]
-            )
-        has_tables |= marker == HUFFMAN_TABLES
-        place += 2 + int.from_bytes(segment[:2], "big")
-    return 0
