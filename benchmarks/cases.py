@@ -56,10 +56,3 @@ def photon_map(
 ) -> NDArray[np.float64]:
     """Mean photons per pixel that give ``electrons`` photoelectrons on average, (H, W)."""
     return CONTENTS[content](shape) * (electrons / reference_qe(camera))
-
-
-def shot_dark_read_quantise() -> ms.Camera:
-    """Table 1 without fixed-pattern noise: the stages that Pyxel and getframes have too."""
-    return ms.load_camera("konnik_table1").replace(
-        **{"pixel.prnu": 0.0, "dark_current.cv": 0.0, "readout.dsnu_col": 0.0}
-    )

@@ -20,7 +20,7 @@ from timing import lines
 import mitsuba_sensor as ms
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.render.light.bands import choose_bands
-from mitsuba_sensor.render.scene.scene import load_scene
+from mitsuba_sensor.render.load.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
 ROOT = Path(__file__).parent.parent

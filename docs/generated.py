@@ -32,8 +32,8 @@ from mitsuba_sensor.camera.emva_sheet import COMPARED, KEYS, EmvaSheet
 from mitsuba_sensor.camera.field_catalogue import Table, markdown, markdown_rows, tables
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.cli.help import commands_below
-from mitsuba_sensor.render.infrared.materials import materials
-from mitsuba_sensor.render.motion.motion import KeyPose, RigidMotion
+from mitsuba_sensor.render.scene.asked import materials
+from mitsuba_sensor.render.scene.motion import KeyPose, RigidMotion
 from mitsuba_sensor.render.scene.plugin_parameters import (
     FILM_PARAMETERS,
     PASSED_ON_PARAMETERS,

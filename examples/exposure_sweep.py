@@ -1,6 +1,6 @@
 """Expose one render with several exposure times and print signal, noise and clipping.
 
-    python examples/exposure_sweep.py [FOLDER]
+    python examples/exposure_sweep.py [-o FOLDER]
 
 With FOLDER it also writes a raw TIFF of each exposure into this folder, and exposures.png with all of them.
 """
@@ -21,9 +21,9 @@ SCENE = Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml"
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument(
-    "folder", nargs="?", type=Path, help="for a raw TIFF of each exposure, and exposures.png"
+    "-o", "--out", type=Path, help="for a raw TIFF of each exposure, and exposures.png"
 )
-folder = parser.parse_args().folder
+folder = parser.parse_args().out
 
 camera = ms.load_camera("konnik_table1")
 irradiance = ms.render(SCENE, camera, ms.Exposure(0.1), spp=64, width=128)

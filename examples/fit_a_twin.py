@@ -1,6 +1,6 @@
 """A twin of a camera: frames of a camera are fitted, and the twin takes the same frames.
 
-    python examples/fit_a_twin.py [PICTURE]
+    python examples/fit_a_twin.py [-o PICTURE]
 
 Bias, dark and flat frames of one chip in, camera tables and measured maps out. Prints what was put in beside what came
 back; draws a dark frame of each and their histograms.
@@ -37,8 +37,8 @@ CHANGES = {
     "adc.black_level_dn": 64.0,
 }
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-parser.add_argument("picture", nargs="?", help="PNG file of the picture")
-picture = parser.parse_args().picture
+parser.add_argument("-o", "--out", metavar="PICTURE", help="PNG file of the picture")
+picture = parser.parse_args().out
 camera = ms.load_camera("bayer_2mp").replace(**CHANGES)
 
 

@@ -1,6 +1,6 @@
 """Inverse rendering: the power of a lamp, an albedo and the focus of the lens, from one noisy raw frame.
 
-    python examples/inverse_rendering.py [PICTURE]
+    python examples/inverse_rendering.py [-o PICTURE]
 
 What is most likely is found by Fisher scoring: ms.raw_log_likelihood says how likely the raw frame is, and dr.backward
 how that changes with lamp and albedo, through the sensor, the image and prb. By the focus prb has no derivative, and no
@@ -49,8 +49,8 @@ STEP = 0.02  # of a difference, relative
 LARGEST = 0.3  # change of a value in one step, relative
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-parser.add_argument("picture", nargs="?", help="PNG file of the picture")
-picture = parser.parse_args().picture
+parser.add_argument("-o", "--out", metavar="PICTURE", help="PNG file of the picture")
+picture = parser.parse_args().out
 
 mi.set_variant("llvm_ad_spectral")
 scene = mi.load_string(SCENE)

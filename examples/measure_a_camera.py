@@ -27,7 +27,9 @@ def main() -> None:
     parser.add_argument(
         "--size", type=int, default=192, help="rows and columns that are measured"
     )
-    parser.add_argument("-o", "--out", type=Path, default=Path("photon_transfer.png"))
+    parser.add_argument(
+        "-o", "--out", metavar="PICTURE", type=Path, default=Path("photon_transfer.png")
+    )
     options = parser.parse_args()
     camera = ms.load_camera(options.camera)
     camera = camera.replace(**{"sensor.rows": options.size, "sensor.columns": options.size})

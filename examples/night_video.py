@@ -1,6 +1,6 @@
 """Lamps of the night crossing one by one and relit, bands of flicker, and a video with automatic exposure.
 
-    python examples/night_video.py [FOLDER]
+    python examples/night_video.py [-o FOLDER]
 
 One render keeps the light of each group of lamps apart; the second picture needs no other one. In the video the car
 comes, with a render for every frame. All are written to FOLDER, by default out/night; it takes a minute on two cores.
@@ -71,8 +71,8 @@ def video(folder: Path) -> None:
 def main() -> None:
     """Write the two pictures, and the video in a folder of its own."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, nargs="?", default=Path("out/night"))
-    folder = parser.parse_args().folder
+    parser.add_argument("-o", "--out", type=Path, default=Path("out/night"))
+    folder = parser.parse_args().out
     folder.mkdir(parents=True, exist_ok=True)
     pictures(folder)
     video(folder / "video")

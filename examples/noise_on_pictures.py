@@ -1,6 +1,6 @@
 """The noise of a camera on a picture that was made elsewhere, as training data are augmented.
 
-    python examples/noise_on_pictures.py [PICTURE]
+    python examples/noise_on_pictures.py [-o PICTURE]
 
 A picture of 8 bits, taken to have no noise, is photographed at three brightnesses by one camera and developed again.
 Prints the share of noise that the theory gives beside that of 32 images; draws the picture and the three.
@@ -22,9 +22,13 @@ ELECTRONS = (2000.0, 200.0, 20.0)  # behind white
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument(
-    "picture", nargs="?", default="noise_on_pictures.png", help="PNG file of the picture"
+    "-o",
+    "--out",
+    metavar="PICTURE",
+    default="noise_on_pictures.png",
+    help="PNG file of the picture",
 )
-picture = parser.parse_args().picture
+picture = parser.parse_args().out
 
 clean = np.asarray(Image.open(SOURCE).convert("RGB"))[ROWS, COLUMNS]
 shown = [clean]

@@ -1,6 +1,6 @@
 """Expose a NumPy ramp of mean photons, without a renderer, and print the photon transfer curve of the camera.
 
-    python examples/photons_from_an_array.py [PICTURE]
+    python examples/photons_from_an_array.py [-o PICTURE]
 
 The temporal variance grows linearly with the mean. The slope is the overall system gain K. At saturation both end.
 """
@@ -14,8 +14,8 @@ import numpy as np
 import mitsuba_sensor as ms
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-parser.add_argument("picture", nargs="?", help="PNG file of the picture")
-picture = parser.parse_args().picture
+parser.add_argument("-o", "--out", metavar="PICTURE", help="PNG file of the picture")
+picture = parser.parse_args().out
 
 camera = ms.load_camera("konnik_table1")
 exposure = ms.Exposure(time_s=0.1)

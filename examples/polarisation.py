@@ -1,7 +1,7 @@
 """Make the pictures of docs/polarisation.md: what a polarisation camera sees of balls on a polished table.
 
 python examples/polarisation.py                                      # small, into polarisation/
-python examples/polarisation.py docs/images --width 240 --spp 128    # the pictures of docs/polarisation.md
+python examples/polarisation.py -o docs/images --width 240 --spp 128    # the pictures of docs/polarisation.md
 """
 
 from __future__ import annotations
@@ -64,11 +64,11 @@ def grey(values: np.ndarray) -> np.ndarray:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, nargs="?", default=Path("polarisation"))
+    parser.add_argument("-o", "--out", type=Path, default=Path("polarisation"))
     parser.add_argument("--width", type=int, default=96, help="columns of the frames")
     parser.add_argument("--spp", type=int, default=32, help="light paths per pixel")
     options = parser.parse_args()
-    options.folder.mkdir(parents=True, exist_ok=True)
+    options.out.mkdir(parents=True, exist_ok=True)
     frames = frames_of(options.width, options.spp)
     result = measured(frames)
     colours = (255 * result.colours() + 0.5).astype(np.uint8)
@@ -79,7 +79,7 @@ def main() -> None:
     }
     for name, picture in pictures.items():
         times = 1 if name == "frame" else 2  # a tile is two pixels wide
-        file = options.folder / f"polarisation_{name}.png"
+        file = options.out / f"polarisation_{name}.png"
         write_png(file, np.repeat(np.repeat(picture, times, axis=0), times, axis=1))
         print(file)
     print(*result.quantities, sep="\n")

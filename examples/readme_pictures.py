@@ -3,7 +3,7 @@
     mitsuba-sensor render scenes/first_frame.xml -o out/
     mitsuba-sensor study stress -o out/stress
     mitsuba-sensor study ablation first_frame --width 96 -o out/ablation
-    python examples/readme_pictures.py out/irradiance.exr docs/images out/stress out/ablation
+    python examples/readme_pictures.py out/irradiance.exr out/stress out/ablation -o docs/images
 
 The image without noise is the mean of all frames of this camera. The image with a tenth of the exposure time is shown
 ten times brighter. Each study's first plot is drawn again from its study.json.
@@ -48,10 +48,10 @@ def main() -> None:
     """Read the irradiance, expose twice, write three PNG files, and one of each study."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("irradiance_file", help="irradiance.exr of the render")
-    parser.add_argument("folder", type=Path, help="for the pictures")
+    parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the pictures")
     parser.add_argument("studies", type=Path, nargs="*", help="folders of studies")
     options = parser.parse_args()
-    light, pictures = ms.read_irradiance(options.irradiance_file), options.folder
+    light, pictures = ms.read_irradiance(options.irradiance_file), options.out
     pictures.mkdir(parents=True, exist_ok=True)
     frames = ms.expose(light)  # camera and exposure are those of the render
     exposure, illuminant = frames.first.exposure, frames.light.illuminant

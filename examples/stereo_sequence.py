@@ -1,6 +1,6 @@
 """A stereo sequence for visual odometry: two cameras drive through a street at night while a car comes towards them.
 
-    python examples/stereo_sequence.py out/stereo --picture docs/images/stereo_sequence.png
+    python examples/stereo_sequence.py -o out/stereo
 
 This copies the scene night_crossing, gives it a second sensor 0.3 m to the right of the first one, makes a dataset of
 frames 0.2 s apart, and writes it as KITTI and EuRoC. The picture has a row for each camera.
@@ -60,9 +60,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument(
-        "folder",
+        "-o",
+        "--out",
         type=Path,
-        nargs="?",
         default=Path("out/stereo"),
         help="new, for scene, dataset and exports (default out/stereo)",
     )
@@ -71,22 +71,21 @@ def main() -> None:
     parser.add_argument(
         "--views", type=int, default=4, help="frames of each camera (default 4)"
     )
-    parser.add_argument("--picture", type=Path, default=Path("stereo_sequence.png"))
     options = parser.parse_args()
 
-    scenes = options.folder / "scene"
+    scenes = options.out / "scene"
     copy_scene("night_crossing", scenes, force=True)
     file = scenes / "night_crossing.xml"
     file.write_text(with_second_sensor(file.read_text("utf-8")), "utf-8")
     sizes = {"width": options.width, "spp": options.spp, "views": options.views}
     text = DATASET.format(end_s=0.2 * (options.views - 1), **sizes)
     (scenes / "stereo.toml").write_text(text, "utf-8")
-    make_dataset(scenes / "stereo.toml", options.folder / "dataset", roots=[scenes])
+    make_dataset(scenes / "stereo.toml", options.out / "dataset", roots=[scenes])
     for format in ("kitti", "euroc"):
-        export(options.folder / "dataset", format, options.folder / format)
-    print((options.folder / "kitti/sequences/00/calib.txt").read_text("utf-8"))
+        export(options.out / "dataset", format, options.out / format)
+    print((options.out / "kitti/sequences/00/calib.txt").read_text("utf-8"))
 
-    samples = ms.Dataset(options.folder / "dataset")
+    samples = ms.Dataset(options.out / "dataset")
     rows = []
     for name in NAMES:
         pictures = [
@@ -94,7 +93,7 @@ def main() -> None:
             for sample in samples.where(sensor=name)
         ]
         rows.append(SheetRow([name], pictures))
-    write_png(options.picture, contact_sheet(rows))
+    write_png(options.out / "stereo_sequence.png", contact_sheet(rows))
 
 
 if __name__ == "__main__":

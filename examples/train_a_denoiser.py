@@ -3,10 +3,10 @@
     pip install '.[training]'
     python examples/train_a_denoiser.py
 
-This makes the dataset of examples/denoiser_pairs.toml in denoiser_pairs/, trains on its split "train", and prints the
-PSNR of its split "test": of the noisy frames, of what a Gaussian filter, total variation and BM3D leave, and of the
-network. denoised.png shows it. Total variation needs scikit-image, BM3D the package bm3d; they are left out where these
-are not installed.
+This makes the dataset of examples/denoiser_pairs.toml in denoiser_pairs/dataset/, trains on its split "train", and
+prints the PSNR of its split "test": of the noisy frames, of what a Gaussian filter, total variation and BM3D leave, and
+of the network. denoised.png shows it. Total variation needs scikit-image, BM3D the package bm3d; they are left out
+where these are not installed.
 """
 
 from __future__ import annotations
@@ -344,17 +344,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("folder", nargs="?", type=Path, default=Path("denoiser_pairs"))
+    parser.add_argument("-o", "--out", type=Path, default=Path("denoiser_pairs"))
     parser.add_argument("--dataset", type=Path, default=PAIRS, help="dataset file (.toml)")
     parser.add_argument("--steps", type=int, default=1500, help="of training (default 1500)")
     parser.add_argument("--seed", type=int, default=1, help="of all that is random (default 1)")
-    parser.add_argument("--picture", type=Path, default=Path("denoised.png"))
     parser.add_argument("--json", action="store_true", help="print the table as JSON, too")
     options = parser.parse_args()
 
-    make_dataset(options.dataset, options.folder)
-    training = pairs_of(ms.Dataset(options.folder, split="train"))
-    held_out = pairs_of(ms.Dataset(options.folder, split="test"))
+    folder = options.out / "dataset"
+    make_dataset(options.dataset, folder)
+    training = pairs_of(ms.Dataset(folder, split="train"))
+    held_out = pairs_of(ms.Dataset(folder, split="test"))
     parameters = train(training, options.steps, options.seed)
     methods: dict[str, Filter] = {"noisy": lambda pair: pair.noisy_e}
     for name, smooth in filters(training).items():
@@ -369,7 +369,7 @@ def main() -> None:
         rows = [{"pair": result.title, "psnr_db": result.psnr_db} for result in results]
         print(json.dumps(rows))
     shown = [result for result in results if result.pair.sample.values["exposure_ev"] == -5]
-    write_png(options.picture, picture(shown))
+    write_png(options.out / "denoised.png", picture(shown))
 
 
 if __name__ == "__main__":

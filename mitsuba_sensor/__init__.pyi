@@ -42,6 +42,7 @@ from .sensor.metering import Metering as Metering
 from .stages.stage import Stage as Stage
 from .theory.plan import Plan as Plan
 from .theory.plan import plan as plan
+from .theory.snr_curve import snr_curve as snr_curve
 from .theory.stage_check import check_stage as check_stage
 
 __version__: str

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack, cast
 
@@ -30,7 +31,14 @@ from .files.openexr import is_exr
 from .files.sensor_names import ALL_SENSORS
 from .output import exr
 from .output.dng import dng_names, write_dng
-from .output.frame_files import CAPTURE_FILES, CLEAN, FRAME_FILES, frames_metadata, write_frames
+from .output.frame_files import (
+    CAPTURE_FILES,
+    CLEAN,
+    FRAME_FILES,
+    PAGE,
+    frames_metadata,
+    write_frames,
+)
 from .output.frames import Frames, notes_after_render
 from .render.light.irradiance import Irradiance
 from .render.light.light_source import CollectedLight
@@ -77,6 +85,13 @@ class Capture:
         notes = f", {count} note{'s' * (count > 1)}: .notes" if count else ""
         return f"<Capture: {self.frames!r}, {self.light!r}{notes}>"
 
+    def _repr_html_(self) -> str:
+        parts = [("", self)] if not self.sensors else self.sensors.items()
+        return "".join(
+            f"{f'<p>{escape(name)}</p>' if name else ''}{one.frames._repr_html_()}{one.light._repr_html_()}"
+            for name, one in parts
+        )
+
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences on what may surprise, as the command line prints them; of the first frame's light and exposure."""
@@ -109,6 +124,8 @@ class Capture:
             clean_name, variance_name = CLEAN
             tiff.write_tiff(folder / clean_name, shared if each is None else each)
             tiff.write_tiff(folder / variance_name, self.frames.temporal_variance)
+        if options["page"]:
+            self.frames.save_page(folder / PAGE)
         if options["dng"]:
             for number, name in enumerate(dng_names(self.frames)):
                 if self.timed:

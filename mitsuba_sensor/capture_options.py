@@ -87,6 +87,14 @@ class LightOptions(FrameOptions, LevelOptions, total=False):
             False,
         ),
     ]
+    page: Annotated[
+        bool,
+        Option(
+            "Also write frame.html, a page of the first frame for a browser: a slider over exposure times, the "
+            "expected code and noise of the pixel under the pointer, histogram, noise budget and notes.",
+            False,
+        ),
+    ]
 
 
 class CaptureOptions(RenderOptions, LightOptions, total=False):

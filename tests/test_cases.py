@@ -27,7 +27,7 @@ from mitsuba_sensor.lab.frames.bench import read_bench
 from mitsuba_sensor.lab.measure.measurement import measure_bench
 from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.render.lint.finding import Finding
-from mitsuba_sensor.render.scene.scene import inspect_scene
+from mitsuba_sensor.render.load.scene import inspect_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 

@@ -25,7 +25,7 @@ from helpers.pages import blocks, fenced, lines
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.render.motion.motion import read_motion
+from mitsuba_sensor.render.scene.motion import read_motion
 from mitsuba_sensor.render.scene.parse_scene import parse
 from mitsuba_sensor.render.scene.plugin_parameters import (
     FILM_PARAMETERS,
@@ -131,14 +131,6 @@ def test_the_code_of_a_page_runs_in_its_order(
         assert (names["metered"].digital > 0.95 * (2**12 - 1)).mean() < 0.01
 
 
-@pytest.mark.parametrize(
-    "command", ["render -o out", "render a.xml -o out --sp 3", "studi", "study stress a.xml"]
-)
-def test_a_command_that_does_not_exist_is_not_parsed(command: str) -> None:
-    with pytest.raises(Exception, match=r"[Mm]issing|No such|unexpected"):
-        parsed(command.split())
-
-
 def test_all_code_has_a_language_that_the_tests_know() -> None:
     languages = {block.language for text in PAGES.values() for block in blocks(text)}
     assert languages == {"sh", "python", "xml", "toml", "console"}
@@ -179,26 +171,6 @@ def test_the_pages_have_the_tables_that_the_package_makes_now() -> None:
     assert sorted(begun) == sorted(GENERATED.IN_PAGES)
 
 
-def test_command_line_and_api_can_be_read_without_the_site() -> None:
-    """Every command and option, and every public name with a sentence, stand in the pages themselves."""
-    page, names = PAGES["command-line"], PAGES["api"]
-    for path in ("render", "budget", "cameras new", "dataset run", "study ablation"):
-        assert f"## {path}\n" in page
-    for option in ("--exposure-s", "--light-groups", "--emva", "--tolerance-dn"):
-        assert f"`{option}`" in page or f"`{option} " in page
-    for name in ms.__all__:
-        if name != "lab":
-            assert re.search(rf"^\| `ms\.{name}` \| \S.{{10,}} \|$", names, re.M), name
-    assert not re.search(r"\[/?(?:bold|dim|red)", page)
-
-
-def test_a_table_is_written_between_its_comments_and_nowhere_else() -> None:
-    page = "a\n\n<!-- table: film, x -->\n\nold\n\n<!-- end of film -->\n\nb\n"
-    written = GENERATED.with_tables(page)
-    assert written == page.replace("old", GENERATED.film())
-    assert GENERATED.with_tables(written) == written
-
-
 def commands(command: Any, name: str) -> Iterator[tuple[str, Any]]:
     """A command and all below it; those of the program are imported when they are asked for."""
     yield name, command
@@ -235,29 +207,6 @@ def test_the_api_page_has_every_public_name_once() -> None:
     for kind, name in named:
         value = attrgetter(name)(ms)
         assert (kind == "function") == inspect.isfunction(value)
-
-
-def test_a_signature_of_the_api_page_has_the_types_of_the_source() -> None:
-    """Aliases stay names, modules are left out, and so are parameters that begin with an underscore."""
-    assert GENERATED.signature(ms.plan) == (
-        "(camera: AnyCamera, exposure: Exposure, photons: Photons | ArrayLike, "
-        "tolerance_dn: float = 0.0, wavelengths_nm: ArrayLike | None = None, "
-        "maps: Mapping[str, ArrayLike] | None = None)",
-        "Plan",
-    )
-    shown, result = GENERATED.signature(ms.Frame.row_normal)
-    assert (shown, result) == ("(source: str, rows: ArrayLike | None = None)", "Array")
-    assert "sensor: SensorSection, " in GENERATED.signature(ms.Camera)[0]
-    assert GENERATED.signature(3) is None
-
-
-@pytest.mark.parametrize(
-    "name", [*sorted(ms.__all__), *(f"lab.{one}" for one in ms.lab.__all__)]
-)
-def test_every_public_function_has_a_type_of_its_result(name: str) -> None:
-    value = attrgetter(name)(ms)
-    if inspect.isfunction(value):
-        assert GENERATED.signature(value)[1]
 
 
 def test_the_page_of_the_stages_has_them_in_the_order_of_the_chain_with_their_keys() -> None:
@@ -336,21 +285,6 @@ def test_the_scene_of_the_plugin_page_is_one(tmp_path: Path) -> None:
     )
 
 
-def test_the_page_has_what_was_measured_of_isets_ray_transfers() -> None:
-    page = PAGES["rendering"]
-    measured = json.loads(
-        (ROOT / "tests" / "data" / "iset_ray_transfers.json").read_text("utf-8")
-    )
-    for row in measured["rows"]:
-        lengths = f"{row['focal_length_mm']:.4g} ({row['of_surfaces_mm']:.4g})"
-        pupils = f"{row['exit_pupil_mm']:.3g} ({row['exit_pupil_of_surfaces_mm']:.3g})"
-        error = f"{row['relative_illumination_error']:.2g}"
-        assert (
-            f"| {row['file']} | {lengths} | {row['f_number']:.3g} | {pupils} | {error} |"
-            in page
-        )
-
-
 def test_every_example_is_in_the_gallery_with_a_picture() -> None:
     sections = PAGES["gallery"].split("\n## ")[1:]
     examples = [re.findall(r"\]\(\.\./examples/([\w.]+)\)", one) for one in sections]
@@ -359,19 +293,3 @@ def test_every_example_is_in_the_gallery_with_a_picture() -> None:
     )
     for one in sections:
         assert len(re.findall(r"!\[[^]]{10,}\]\([\w/-]+\.png\)", one)) >= 1, one
-
-
-def test_a_description_of_a_parameter_becomes_a_bullet() -> None:
-    text = [
-        "Sum |U|².",
-        "a : first.  b, c : second",
-        "    goes on.",
-        "Raises InputError.",
-        "",
-        "Options:",
-        "    d : x",
-    ]
-    assert GENERATED.with_bullets(text) == [
-        r"Sum \|U\|².", "", "* ``a``: first.", "* ``b, c``: second", "  goes on.", "", "Raises InputError.", "",
-        "Options:", "", "    * ``d``: x",
-    ]  # fmt: skip

@@ -35,11 +35,6 @@ def examples(docstring: str) -> Iterator[str]:
         yield textwrap.dedent(block)
 
 
-def test_an_example_ends_where_the_indentation_ends() -> None:
-    text = "What it is.\n\n::\n\n    a = 1\n\n    b = 2\n\nname : meaning.\n    more of it"
-    assert list(examples(text)) == ["\na = 1\n\nb = 2\n\n"]
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_a_public_name_has_an_example_that_runs(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

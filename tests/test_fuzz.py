@@ -8,11 +8,6 @@ import fuzz_arguments
 import fuzz_files
 import pytest
 
-import mitsuba_sensor as ms
-from mitsuba_sensor.camera.shipped import SHIPPED
-from mitsuba_sensor.dataset.plan import load_plan
-from mitsuba_sensor.render.motion.motion import read_motion
-
 CASES = 140
 
 
@@ -74,44 +69,3 @@ def test_the_files_that_are_damaged_are_right(kind: str, tmp_path: Path) -> None
     for one in files:
         found = fuzz_files.examined_file(kind, *one, tmp_path)
         assert found == ("accepted", ""), found
-
-
-def test_names_and_numbers_without_end_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ms.InputError):
-        ms.load_camera("9" * 5000)
-    text = (SHIPPED / "bayer_2mp.toml").read_text("utf-8")
-    with pytest.raises(ms.InputError, match=r"dark_current\.cv"):
-        ms.load_camera(text.replace("cv = 0.4", f"cv = {'9' * 400}"))
-    for field in (
-        {"velocity_m_per_s": [1e308, 0, 0]},
-        {"axis": [0, 0, 1], "rotate_deg_per_s": 1e308},
-    ):
-        with pytest.raises(ms.InputError, match=r"1e.308"):
-            read_motion({"camera": field})
-    dataset = fuzz_files.DATASET.replace("konnik_table1", "a" * 5000 + ".toml")
-    (tmp_path / "d.toml").write_text(dataset)
-    with pytest.raises(ms.InputError):
-        load_plan(tmp_path / "d.toml", [fuzz_files.ROOT]).cameras.as_given  # noqa: B018
-
-
-@pytest.mark.parametrize("serial", ['"a"', "1.5", "-1", "true"])
-def test_a_serial_number_of_a_dataset_is_whole(serial: str, tmp_path: Path) -> None:
-    """1.5 was 1."""
-    text = fuzz_files.DATASET.replace(
-        "exposure_s = [0.001, 0.01]", f"exposure_s = [0.001]\nserial = [{serial}]"
-    )
-    (tmp_path / "d.toml").write_text(
-        text.replace("[splits]\nshares = {train = 0.5, test = 0.5}\n", "")
-    )
-    with pytest.raises(ms.InputError, match="serial is"):
-        list(load_plan(tmp_path / "d.toml", [fuzz_files.ROOT]).tasks())
-
-
-@pytest.mark.parametrize(
-    ("kind", "number"), [("scene", 400312), ("scene", 401474), ("pixels", 500156)]
-)
-def test_names_without_end_or_letters_are_shown_as_a_sentence_can(
-    kind: str, number: int, tmp_path: Path
-) -> None:
-    """Of a parameter of the film, of the sensor, and of a channel."""
-    assert fuzz_files.examined(kind, number, tmp_path)[0] == "refused"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +17,6 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.output import exr
 
-BAYER = ms.load_camera("bayer_2mp")
-SCENE = str(SCENES / "color_checker.xml")
 CROPPED = (
     (SCENES / "color_checker.xml")
     .read_text("utf-8")
@@ -107,33 +104,6 @@ def test_every_output_knows_first_pixel_filters_and_levels(rendered: Path) -> No
             tuple(tags["CFARepeatPatternDim"].value) == (2, 2)
             and bytes(tags["CFAPattern"].value) == b"\2\1\1\0"
         )
-
-
-def test_the_command_line_says_which_camera_it_takes_where_none_is_known(
-    rendered: Path, tmp_path: Path
-) -> None:
-    light = exr.read_irradiance_exr(rendered / "irradiance.exr")
-    exr.write_irradiance_exr(tmp_path / "x.exr", replace(light, rendered_for=None))
-    done = CliRunner().invoke(
-        app, ["plan", str(tmp_path / "x.exr"), "--exposure-s", "0.01", "--json"]
-    )
-    assert done.exit_code == 0 and json.loads(done.stdout)["camera"] == "konnik_table1"
-    assert "the camera is konnik_table1 unless --camera names another" in done.stderr
-
-
-def test_an_added_stage_is_not_kept() -> None:
-    class Hum(ms.Stage):
-        """Nothing."""
-
-        domain = "volts"
-
-        def sample(self, signal: Any, frame: Any) -> Any:
-            """As it is."""
-            return signal
-
-    camera = BAYER.with_stage(Hum(), after="reset_noise")
-    light = ms.render(SCENE, camera, ms.Exposure(0.1), spp=2, width=16)
-    assert light.rendered_for is not None and light.rendered_for.camera is None
 
 
 def test_the_illuminant_is_that_of_the_scene(rendered: Path) -> None:

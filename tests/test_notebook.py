@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import importlib
 import io
 import json
 import re
@@ -14,12 +13,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import tifffile
 from helpers.scenes import SCENES
 from PIL import Image
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.render.light.irradiance import RenderedFor
 
 MONO, BAYER, RGBIR = (
     ms.load_camera(name) for name in ("konnik_table1", "bayer_2mp", "rgbir_2mp")
@@ -66,12 +63,6 @@ def noisy(camera: ms.Camera, shape: tuple[int, int], **options: Any) -> ms.Frame
     return ms.expose(photons, camera, EXPOSURE, wavelengths_nm=[550.0], **options)
 
 
-def test_dir_has_the_public_names_and_modules_are_imported_as_ever() -> None:
-    assert dir(ms) == sorted(ms.__all__) and "capture_options" not in dir(ms)
-    module = importlib.import_module("mitsuba_sensor.capture")
-    assert ms.capture is module.capture
-
-
 @pytest.mark.parametrize("camera", [MONO, BAYER, RGBIR], ids=lambda camera: camera.name)
 @pytest.mark.parametrize("shape", [(1, 1), (3, 3), (1, 1900), (240, 250), (700, 300)])
 def test_frames_of_any_shape_show_their_first_one(
@@ -87,24 +78,6 @@ def test_frames_of_any_shape_show_their_first_one(
         assert picture.shape[0] / picture.shape[1] == pytest.approx(
             shape[0] / shape[1], rel=0.05
         )
-
-
-def test_a_picture_of_a_large_frame_has_the_colours_of_the_whole() -> None:
-    """A flat field from bins of 2 × 2 red, green, blue and infrared pixels each: the median colour of the preview."""
-    frames = ms.expose(
-        np.full((600, 400, 1), 1500.0), RGBIR, EXPOSURE, wavelengths_nm=[600.0], origin=(1, 3)
-    )
-    _, picture = shown(frames)
-    assert picture.shape[:2] < (600, 400)
-    whole = np.median(frames.preview().reshape(-1, 3), axis=0)
-    np.testing.assert_allclose(np.median(picture.reshape(-1, 3), axis=0), whole, atol=6)
-
-
-def test_saturated_frames_are_white_and_thousands_of_them_are_one_picture() -> None:
-    one = ms.expose(np.full((8, 8), 1e9), MONO, EXPOSURE)
-    page, picture = shown(replace(one, digital=np.broadcast_to(one.digital, (5000, 8, 8))))
-    assert "5000 × 8 × 8" in page.text and "100 %" in page.text
-    assert (picture == 255).all()
 
 
 def test_no_text_becomes_an_element() -> None:
@@ -156,13 +129,6 @@ def test_light_of_one_wavelength_is_grey_and_of_the_visible_has_its_colour(light
         bandwidths_nm=np.array([10.0]),
     )
     assert shown(one)[1].shape == (4, 5)
-
-
-def test_light_with_infinities_or_none_at_all_has_a_picture(light: Any) -> None:
-    bright = np.array(light.data)
-    bright[0, 0] = np.inf
-    for data in (bright, np.full_like(bright, np.inf), np.zeros_like(bright), bright[:1, :1]):
-        assert shown(replace(light, data=data))[1].shape[:2] == data.shape[:2]
 
 
 @pytest.fixture(scope="module")
@@ -233,50 +199,3 @@ def test_an_exposure_of_light_is_that_of_its_photons(taken: ms.Capture) -> None:
     )
     sensor = ms.Sensor(BAYER, serial=2)
     np.testing.assert_array_equal(sensor.expose(light, EXPOSURE).digital, other.digital)
-
-
-def test_light_that_remembers_nothing_needs_a_camera_and_is_metered(light: Any) -> None:
-    with pytest.raises(ms.InputError, match="no camera is given and the irradiance names none"):
-        ms.expose(light)
-    frames = ms.expose(light, MONO)
-    known = replace(light, rendered_for=RenderedFor(MONO, frames.first.exposure, 1))
-    np.testing.assert_array_equal(ms.expose(known).digital, frames.digital)
-    np.testing.assert_array_equal(ms.expose(known, exposure="auto").digital, frames.digital)
-
-
-def test_light_in_place_of_photons_is_one_sentence(light: Any) -> None:
-    with pytest.raises(
-        ms.InputError,
-        match=r"photons is not numeric; pass .* collect\(light, camera, exposure\)",
-    ):
-        ms.plan(MONO, EXPOSURE, light)
-    with pytest.raises(ms.InputError, match="camera is None; pass a Camera"):
-        ms.expose(np.ones((2, 2)))
-
-
-def test_a_tiff_of_raw_frames_comes_back(tmp_path: Path) -> None:
-    frames = noisy(MONO, (5, 6), frames=2)
-    ms.write_tiff(str(tmp_path / "a.tiff"), frames.digital)
-    np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tiff"), frames.digital)
-    for wrong in (
-        frames.digital.astype(np.int64),
-        "text",
-        np.empty((0, 3), np.uint16),
-        frames.digital[0, 0],
-    ):
-        with pytest.raises(ms.InputError, match="frames"):
-            ms.write_tiff(tmp_path / "b.tiff", wrong)  # type: ignore[arg-type]
-    assert not (tmp_path / "b.tiff").exists()
-
-
-def test_in_a_terminal_frames_light_and_photons_are_one_line_each() -> None:
-    """Not their arrays."""
-    found = ms.capture(
-        SCENES / "step_wedge.xml", BAYER, EXPOSURE, spp=1, parameters={"width": 16}
-    )
-    for one in (found, found.frames, found.light, found.photons, ms.Photons(np.ones((2, 3)))):
-        assert re.fullmatch(r"<\w+: .{5,250}>", repr(one)), repr(one)
-    assert "of bayer_2mp at 0.01 s" in repr(found) and " × 16, " in repr(found.light)
-    assert repr(ms.Photons(np.ones((2, 3)))) == "<Photons: 2 × 3>"
-    assert repr(ms.Photons([1.0, 2.0])) == "<Photons: 2>"  # a list, which expose takes too
-    assert repr(ms.Photons(3.0)) == "<Photons: for every pixel>"

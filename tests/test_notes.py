@@ -66,17 +66,6 @@ def test_light_of_another_camera_is_told_in_python_once_at_the_line_of_the_call(
     assert not none and not any("rendered" in note for note in own.notes)
 
 
-def test_a_lens_that_the_light_did_not_come_through_is_told(of_bayer: Any) -> None:
-    """Four times less light would come through it; the frames are those of the first lens."""
-    slower = BAYER.replace(**{"lens.f_number": 5.6})
-    frames, (warning,) = told(lambda: ms.expose(of_bayer, slower, EXPOSURE))
-    assert (
-        "behind the lens of bayer_2mp (f/2.8) already, and the lens of bayer_2mp (f/5.6) is not"
-        in str(warning.message)
-    )
-    np.testing.assert_array_equal(frames.digital, ms.expose(of_bayer).digital)
-
-
 def test_terminal_file_notebook_and_python_show_the_same_sentences(
     of_bayer: Any, tmp_path: Path, cli: Callable[..., Any]
 ) -> None:
@@ -121,6 +110,7 @@ def test_terminal_file_notebook_and_python_show_the_same_sentences(
             lambda: ms.expose(FIVE[..., 0], TABLE1, EXPOSURE, wavelengths_nm=[0.55]),
             "wavelengths are in nm: 0.55 µm are 550",
         ),
+        (lambda: ms.expose(FIVE[..., 0], BAYER, EXPOSURE), "are taken for"),
         (
             lambda: ms.expose(1e6 * FIVE, TABLE1, EXPOSURE, **BANDS),
             "100% of the pixels are saturated at 0.01 s; ",
@@ -142,7 +132,16 @@ def test_terminal_file_notebook_and_python_show_the_same_sentences(
             "and a full well fills 200 of it; if the highest code is a full well, leave it out, or write 0.165",
         ),
     ],
-    ids=["size", "band", "micrometres", "clipped", "celsius", "datasheet", "full scale"],
+    ids=[
+        "size",
+        "band",
+        "micrometres",
+        "no wavelength",
+        "clipped",
+        "celsius",
+        "datasheet",
+        "full scale",
+    ],
 )
 def test_a_result_that_was_probably_not_meant_is_a_warning_and_a_note(
     call: Callable[[], Any], said: str
@@ -207,69 +206,12 @@ def test_what_is_black_in_a_scene_is_a_warning_of_its_render_and_not_of_its_fram
     assert [len(told(lambda: next(series))[1]) for _ in range(2)] == [1, 0]
 
 
-def test_noise_of_a_render_for_every_frame_is_no_grain_of_the_picture(
-    of_bayer: Any, tmp_path: Path
-) -> None:
-    """Only where all frames share a render, its noise stays in their mean."""
-    few = {**SMALL, "spp": 2}
-    path = write_scene(
-        tmp_path,
-        scene_text(
-            SKY, '<shape type="sphere"><point name="center" z="4" x="0" y="0"/></shape>'
-        ),
-    )
-    shared = ms.capture(path, TABLE1, ms.Exposure(0.1), **few).frames
-    own = next(ms.render_frames(path, TABLE1, ms.Exposure(0.1), **few)).frames
-    assert any("is the render's" in note for note in shared.notes)
-    assert not any("is the render's" in note for note in own.notes)
-
-
-def test_notes_take_little_of_the_time_of_a_frame_and_none_of_its_theory(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Neither a report nor a plan nor another frame is computed for a warning."""
-    from mitsuba_sensor.output import frames
-    from mitsuba_sensor.theory import plan
-
-    def forbidden(*_: Any) -> Any:
-        raise AssertionError
-
-    monkeypatch.setattr(frames, "report", forbidden)
-    monkeypatch.setattr(frames, "Expectation", forbidden)
-    monkeypatch.setattr(plan, "plan_of", forbidden)
-    made = ms.expose(1e6 * FIVE, TABLE1, EXPOSURE, **BANDS)
-    assert len(made.notes) == 1
-
-
-def test_an_exposure_of_no_time_to_light_is_called_a_bias_frame(of_bayer: Any) -> None:
-    said = "the exposure time is 0 s, so that no light is collected: this is a bias frame"
-    assert said in ms.expose(of_bayer, BAYER, ms.Exposure(0.0)).notes
-    assert said not in ms.expose(of_bayer, BAYER, ms.Exposure(0.01)).notes
-
-
-def test_photons_without_a_wavelength_say_which_qe_a_colour_camera_takes() -> None:
-    camera = ms.load_camera("bayer_2mp")
-    nm = camera.quantum_efficiency.reference_nm
-    assert nm is not None
-    with pytest.warns(ms.SensorWarning, match=f"are taken for {nm:g} nm"):
-        frames = ms.expose(np.full((4, 4), 100.0), camera, ms.Exposure(0.01))
-    (note,) = (one for one in frames.notes if "without a wavelength" in one)
-    for name, qe in zip(camera.filter_names, camera.qe([nm])[:, 0], strict=True):
-        assert f"{name} {100 * qe:.3g} %" in note
-    light = ms.Photons(np.full((4, 4), 100.0), detected=True)
-    known = ms.expose(light, camera, ms.Exposure(0.01))
-    banded = ms.expose(
-        np.full((4, 4, 1), 9.0), camera, ms.Exposure(0.01), wavelengths_nm=[530.0]
-    )
-    mono = ms.expose(np.full((4, 4), 100.0), "sony_imx174", ms.Exposure(0.01))
-    for one in (known, banded, mono):
-        assert not any("without a wavelength" in note for note in one.notes)
-
-
-def test_a_capture_says_how_many_notes_it_has() -> None:
-    captured = ms.capture(
-        "flat_field", "konnik_table1", ms.Exposure(0.01), width=8, spp=2, denoise=False
-    )
-    assert captured.notes == tuple(captured.metadata["notes"]) and captured.notes
-    assert f"{len(captured.notes)} note" in repr(captured) and ".notes>" in repr(captured)
-    assert len(repr(captured)) <= 160
+def test_an_unusual_temperature_is_told_before_the_first_ray(scene_file: Path) -> None:
+    """As an error it stops the render: no pass is done."""
+    passes = list[object]()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ms.SensorWarning)
+        with pytest.raises(ms.SensorWarning, match="if 25 is in °C"):
+            cold = ms.Exposure(0.02, 25)
+            ms.capture(scene_file, TABLE1, cold, **SMALL | {"progress": passes.append})
+    assert not passes

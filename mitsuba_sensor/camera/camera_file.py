@@ -104,8 +104,8 @@ def camera_text(name: str | Path) -> CameraText:
         return CameraText(_shipped_text(name), f"{name}.toml")
     if path.suffix != ".toml" and not (str(name) and os.path.exists(path)):
         raise InputError(
-            f"{str(name)[:200]!r} is no camera that ships with mitsuba_sensor ({', '.join(shipped)}) and no .toml file"
-            f".{_meant(str(name))}"
+            f"unknown camera {str(name)[:200]!r}.{_meant(str(name))} Pass the path of a .toml file, or one of the "
+            f"cameras included with mitsuba_sensor: {', '.join(shipped)}."
         )
     try:
         require_small(path, "the camera file")

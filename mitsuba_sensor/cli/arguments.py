@@ -116,6 +116,14 @@ MeanElectrons = Annotated[
         rich_help_panel="Light",
     ),
 ]
+Sweep = Annotated[
+    bool,
+    typer.Option(
+        "--sweep",
+        help="The SNR curve instead: signal and noise at levels of uniform light, from 1 e- to saturation.",
+        rich_help_panel="Light",
+    ),
+]
 Compared = Annotated[
     tuple[str, str] | None,
     typer.Option(

@@ -14,7 +14,7 @@ from .app import app, show, show_remarks
 from .help import Command
 from .values import Flag, number
 
-FIRST = ("electrons", "camera", "readout", "exposure_s", "gain", "settings", "as_json")
+FIRST = ("electrons", "sweep", "camera", "readout", "exposure_s", "gain", "settings", "as_json")
 SIDE = 128
 """Rows and columns of pixels in uniform light, at most."""
 USUAL_TIME_S = 0.01
@@ -28,6 +28,7 @@ USUAL_TIME_S = 0.01
 def budget(
     irradiance: arguments.OptionalLight = None,
     electrons: arguments.MeanElectrons = None,
+    sweep: arguments.Sweep = False,
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
@@ -39,6 +40,13 @@ def budget(
     from ..core import InputError
     from .inputs import camera_and_exposure, settings_of, taken_by_default
 
+    if sweep:
+        if irradiance is not None or electrons is not None or flags["readout"] is not None:
+            raise InputError(
+                "--sweep chooses the levels of light itself; leave out the light and --readout."
+            )
+        _show_sweep(as_json, flags)
+        return
     if (irradiance is None) == (electrons is None):
         raise InputError(
             "give the light, and give it once: --electrons 1000 (mean photoelectrons of every pixel), or the "
@@ -65,6 +73,28 @@ def budget(
         frames = frames.readouts[readout]
     show(_facts(frames), as_json, None if as_json else _text(frames))
     show_remarks(as_json, remarks)
+
+
+def _show_sweep(as_json: bool, flags: options.Flags) -> None:
+    """Show the SNR curve of the camera."""
+    from ..core import InputError
+    from .inputs import camera_and_exposure, taken_by_default
+
+    settings = SceneSettings(exposure_s=USUAL_TIME_S)
+    camera, exposure = camera_and_exposure(flags, settings)
+    if not isinstance(exposure, ms.Exposure):
+        raise InputError(
+            "--exposure-s is auto, and --sweep has no image to meter; give seconds, e.g. 0.01."
+        )
+    curve = ms.snr_curve(camera, exposure)
+    names = "electrons", "signal_dn", "temporal_dn", "spatial_dn", "snr", "total_snr"
+    rows = zip(*(getattr(curve, name) for name in names), strict=True)
+    show([dict(zip(names, map(float, row), strict=True)) for row in rows], as_json)
+    about = (
+        f"{curve.camera} at {curve.exposure.time_s:g} s; snr: signal over temporal noise (EMVA 1288); total_snr: over "
+        "temporal and spatial noise"
+    )
+    show_remarks(as_json, [about, *taken_by_default(flags, settings, camera)])
 
 
 def _uniform_light(electrons: str | None, camera: ms.Camera, exposure: object) -> ms.Photons:

@@ -290,7 +290,7 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
     Exit code: 0 if nothing is black or wrong, 1 if something is, 2 if the scene cannot be loaded.
     """
     from ..optics.image_record import airy_diameter_px
-    from ..render.scene.scene import inspect_scene
+    from ..render.load.scene import inspect_scene
     from .inputs import render_input, taken_by_default
 
     given, _ = render_input(scene, flags)

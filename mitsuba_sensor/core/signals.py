@@ -147,6 +147,14 @@ class Photons:
             fields |= {"values": fields.pop("mean"), "factor": None}
         return replace(self, **fields)
 
+    def scaled(self, ratio: float) -> Self:
+        """The photons of light that is ``ratio`` times as bright, or as long."""
+        if self.factor is None:
+            scaled = self.changed(mean=self.mean * ratio)
+        else:
+            scaled = self.changed(factor=self.factor * ratio)
+        return scaled.with_readouts(lambda one: one.scaled(ratio))
+
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NumpyArray:
         return np.array(self.mean, dtype=dtype, copy=copy)
 

@@ -15,11 +15,11 @@ from ..core import Exposure, InputError
 from ..core.options import complete
 from ..files.memory import whole_memory_bytes
 from ..output.dng import check_dng
+from ..render.load.half_pupil import check_halves
 from ..render.options import RenderOptions
 from ..render.passes.prepared import prepare
 from ..render.passes.stop_criterion import check_options
-from ..render.scene.asked_groups import AskedGroups
-from ..render.scene.half_pupil import check_halves
+from ..render.scene.asked import AskedGroups
 from ..render.scene.light_groups import LightGroup, parts_of_light
 from ..render.variants import restores_variant
 from .file import MOST_SAMPLES, DatasetFile

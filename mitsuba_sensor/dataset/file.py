@@ -18,8 +18,8 @@ from ..core.options import complete, declared
 from ..core.small_files import toml_tables
 from ..files import texts
 from ..files.appearing import refuse_empty
-from ..render.motion.motion import Number
 from ..render.options import RenderOptions
+from ..render.scene.motion import Number
 from ..stages.datasheet import FileTable, optional
 from .keys import Config
 from .scene_entry import Name, SceneEntry, Value

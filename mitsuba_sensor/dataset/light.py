@@ -22,8 +22,8 @@ from ..files.shipped_scenes import (
     scenes_folder,
     shipped_file,
 )
-from ..render.motion.motion import KeyPose, Motion, read_motion
 from ..render.options import RenderOptions
+from ..render.scene.motion import KeyPose, Motion, read_motion
 from ..render.scene.parse_scene import parse_sensors, pose_in_file_m, refuse_one_place
 from ..render.scene.parsed_scene import ParsedScene
 from ..render.variants import fastest_variant, restores_variant

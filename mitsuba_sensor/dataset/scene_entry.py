@@ -7,7 +7,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, PlainValidator, model_validator
 
 from ..core import InputError
-from ..render.motion.motion import KeyPose, Number, Vector, read_motion
+from ..render.scene.motion import KeyPose, Number, Vector, read_motion
 from ..stages.datasheet import FileTable, optional
 from .keys import Facts
 from .values import plain_value, value_or_list

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from ..core import InputError
-from ..render.motion.motion import KeyPose
+from ..render.scene.motion import KeyPose
 from .file import DatasetFile, Distribution
 from .keys import Config, Facts
 from .scene_entry import SceneEntry, Value, View

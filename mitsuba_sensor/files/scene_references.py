@@ -18,10 +18,9 @@ from typing import Any
 
 from ..core import InputError
 from ..core.small_files import require_small, toml_tables
-from .scene_xml import LONGEST_NAME, Element, elements_of
+from .scene_xml import LONGEST_NAME, Element, Expansion, elements_of
 
 MOST_FILES = 10_000
-DEEPEST_INCLUDE = 15  # as in Mitsuba
 CACHED = 4096  # files whose elements or digests are kept
 CODE = (".so", ".dylib", ".dll", ".pyd")
 CURVES, MAY_BE_FILES = (
@@ -106,29 +105,20 @@ def camera_references(path: str | os.PathLike[str]) -> list[Path]:
 class _Search:
     """The elements of a scene and its includes, one after the other, with the parameters known so far.
 
-    found : the files.  folders : where Mitsuba looks for them.  read : how many XML files, each as often as included.
+    found : the files.  folders : where Mitsuba looks for them.
     """
 
     def __init__(
         self, scene: Path, values: dict[str, str], roots: Sequence[Path] | None
     ) -> None:
-        self.values, self.folders, self.found = values, [scene.parent], dict[Path, None]()
-        self.roots, self.read = roots, 0
+        self.expansion, self.folders = Expansion(values), [scene.parent]
+        self.found, self.roots = dict[Path, None](), roots
         self._refuse_code(scene.parent)
         self._read(scene, 0)
 
     def _read(self, file: Path, depth: int) -> None:
         """One file.  depth : of includes."""
-        self.read += 1
-        if depth > DEEPEST_INCLUDE or self.read > MOST_FILES:
-            times = (
-                f"{DEEPEST_INCLUDE} deep"
-                if depth > DEEPEST_INCLUDE
-                else f"{MOST_FILES} times with others"
-            )
-            raise InputError(
-                f"{file} is included more than {times}, perhaps by itself; flatten the scene."
-            )
+        self.expansion.include(file, depth)
         self._add(file)
         try:
             elements = _elements(file, _stamp(file))
@@ -139,7 +129,7 @@ class _Search:
         for one in elements:
             where = f"{file}, line {one.line}"
             if one.kind == "default":
-                self.values.setdefault(one.name, self._value(one, where))
+                self.expansion.values.setdefault(one.name, self._value(one, where))
             else:
                 self._follow(one, self._value(one, where), file, depth)
 
@@ -177,15 +167,12 @@ class _Search:
         return [f"data/ior/{value}.{kind}.spd" for kind in ("eta", "k")]
 
     def _value(self, one: Element, where: str) -> str:
-        """With the parameters in place: longer names first, as Mitsuba puts them in."""
-        value = one.value
+        """With the parameters in place. Raises InputError for one without a value."""
+        value = self.expansion.put_in(one.value, where)
         if "$" in value:
-            for name in sorted(self.values, key=lambda name: (-len(name), name)):
-                value = value.replace(f"${name}", self.values[name])
-            if "$" in value:
-                raise InputError(
-                    f"{where}: {one.value[:200]!r} has a parameter without a value; give it one (-D name=value)."
-                )
+            raise InputError(
+                f"{where}: {one.value[:200]!r} has a parameter without a value; give it one (-D name=value)."
+            )
         return value
 
     def _look_in(self, value: str, where: str) -> None:

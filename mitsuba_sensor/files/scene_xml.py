@@ -14,6 +14,9 @@ from .shipped_scenes import names_of_scenes
 
 MOST_BYTES = 2**27  # of a scene file
 DEEPEST = 24  # elements inside of one another: each `twosided` in another doubles the memory
+DEEPEST_INCLUDE = 15  # as in Mitsuba
+MOST_INCLUDED = 1000  # files, each as often as it is included
+MOST_ADDED = 2**22  # characters by which parameters may make the texts of a scene longer
 LONGEST_NAME = 255  # of a file, in most file systems
 
 
@@ -25,6 +28,40 @@ class Element(NamedTuple):
     name: str
     value: str
     line: int
+
+
+class Expansion:
+    """The parameters of a scene, and how much longer they may still make its texts.
+
+    A parameter whose value names another one twice doubles it, so lengths are counted before anything is put in.
+    """
+
+    def __init__(self, values: Mapping[str, str]) -> None:
+        self.values, self._left, self._files = dict(values), MOST_ADDED, 0
+
+    def include(self, file: Path, depth: int) -> None:
+        """Count one more file. Raises InputError for too many, or too deep, ones."""
+        self._files += 1
+        if depth > DEEPEST_INCLUDE or self._files > MOST_INCLUDED:
+            raise InputError(
+                f"{file} is included more than {DEEPEST_INCLUDE} deep, or more than {MOST_INCLUDED} times with other "
+                "files; flatten the scene."
+            )
+
+    def put_in(self, value: str, where: str) -> str:
+        """Return a text with the parameters in place: longer names first, as Mitsuba puts them in."""
+        if "$" not in value:
+            return value
+        for name in sorted(self.values, key=lambda name: (-len(name), name)):
+            added = value.count(f"${name}") * (len(self.values[name]) - len(name) - 1)
+            self._left -= max(added, 0)
+            if self._left < 0:
+                raise InputError(
+                    f"{where}: parameters make the texts of the scene more than {MOST_ADDED} characters longer; "
+                    "give each parameter a plain value, which names no other parameter."
+                )
+            value = value.replace(f"${name}", self.values[name])
+        return value
 
 
 def elements_of(path: Path) -> tuple[Element, ...]:
@@ -66,9 +103,39 @@ def require_scene_file(name: str) -> None:
     require_small(path, "the scene file", MOST_BYTES)
 
 
-def require_shallow(text: str, path: Path) -> None:
-    """Raise InputError for elements that are nested deeper than Mitsuba's parser can be trusted with."""
-    _parse(text, path, lambda tag, attributes, line: None, strict=False)
+def require_bounded(
+    text: str, path: Path, values: Mapping[str, str], resolve: Callable[[str], str]
+) -> None:
+    """Raise InputError for a scene that is nested too deep, or becomes too large by its parameters and includes.
+
+    values : of the parameters that are given.  resolve : finds an included file, as Mitsuba does.
+    """
+    expansion, folders = Expansion(values), [path.resolve().parent]
+
+    def walk(text: str, file: Path, depth: int) -> None:
+        expansion.include(file, depth)
+        has_parameters = "$" in text
+
+        def tell(tag: str, attributes: Mapping[str, str], line: int) -> None:
+            put_in = attributes
+            if has_parameters:
+                where = f"{file}, line {line}"
+                put_in = {name: expansion.put_in(x, where) for name, x in attributes.items()}
+            if tag == "default":
+                expansion.values.setdefault(put_in.get("name", ""), put_in.get("value", ""))
+            elif tag == "path":
+                folders.append(folders[0] / put_in.get("value", ""))
+            elif tag == "include":
+                name = put_in.get("filename", "")
+                places = [Path(resolve(name)), *(folder / name for folder in folders)]
+                inner = next((place for place in places if place.is_file()), None)
+                if inner is not None:  # else Mitsuba says so
+                    require_small(inner, "the scene file", MOST_BYTES)
+                    walk(inner.read_text(encoding="utf-8", errors="replace"), inner, depth + 1)
+
+        _parse(text, file, tell, strict=False)
+
+    walk(text, path, 0)
 
 
 def _parse(

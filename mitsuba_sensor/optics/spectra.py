@@ -1,7 +1,7 @@
 """Spectra and colours: CIE illuminants A and D65, the CIE 1931 observer, reflectances of surfaces, CIELAB and sRGB.
 
 colour-science computes what is not needed for a render, a frame or its preview. It takes 2 s and 170 MB to import, so
-the tables of the others are here (benchmarks/spectra_tables.py writes them), with their few formulas.
+the tables of the others are here (5a4fbc1b:benchmarks/spectra_tables.py wrote them), with their few formulas.
 """
 
 from __future__ import annotations

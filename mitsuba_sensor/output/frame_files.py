@@ -34,12 +34,14 @@ CLEAN = ("clean.tiff", "temporal_variance.tiff")
 DNGS = ("frame.dng", "frame_[0-9]*.dng")  # of one frame, of several
 BRIGHTENED = "frame_brightened.png"
 VIDEO = "frames.webp"
+PAGE = "frame.html"
 FRAME_FILES = (
     "frame.tiff",
     READOUTS,
     "frame.png",
     BRIGHTENED,
     VIDEO,
+    PAGE,
     *DNGS,
     *CLEAN,
     "frame.json",
@@ -52,6 +54,7 @@ ABOUT = (
     "does not apply or is not known"
 )
 """In frame.json."""
+CROP_PX = 200  # rows and columns of a crop at 1:1 in a notebook
 MOST_PIXELS = 60_000  # of a picture in a notebook: below 250 kB as PNG in base64, however noisy
 
 
@@ -146,46 +149,60 @@ def brightened_caption(factor: int) -> str:
 
 
 def frames_html(frames: Frames) -> str:
-    """The first frame in small, and what it is."""
+    """Return the first frame as a notebook shows it: small, beside a crop of a large one at 1:1, with what it is."""
     first, window, camera = frames.digital[0], frames.first.window, frames.camera
     exposure, count = frames.first.exposure, len(frames.digital)
     highest = converter_of(camera.stages).highest
-    small = binned(first, camera)
-    shown = preview(small, camera, 1.0, window.origin, frames.light.illuminant)
+    illuminant = frames.light.illuminant
+    origin = window.origin
+    small, means = binned(first, camera)
+    shown = preview(small, camera, 1.0, origin, illuminant)
+    described = f"first of {count} raw frames of {camera.name}"
+    pictures = [picture(png.png(shown), shown.shape[1], described)]
+    clipped = f"{100 * np.mean(first == highest):.3g} % at the full-scale code"
+    wells = f"{100 * frames.counts['clipped_full_well'] / first.size:.3g} % at the full well"
     rows = {
         "frames": f"{count} × {first.shape[1]} × {first.shape[0]} pixels, {first.dtype}",
         "exposure": f"{exposure.time_s:g} s at {exposure.temperature_k:g} K",
         "serial, seed": f"{window.serial}, {frames.first.seed}",
         "first frame": f"{first.min()} … {first.mean():.5g} … {first.max()} DN (min, mean, max)",
-        "at the highest code": f"{100 * np.mean(first == highest):.3g} % of its pixels",
+        "clipped pixels": f"{clipped}, {wells}",
     }
+    if means != (1, 1):
+        top, left = (max(side - CROP_PX, 0) // 4 * 2 for side in first.shape)
+        part = first[top : top + CROP_PX, left : left + CROP_PX]
+        crop = preview(part, camera, 1.0, (origin[0] + top, origin[1] + left), illuminant)
+        pictures.append(picture(png.png(crop), crop.shape[1], "middle of the frame at 1:1"))
+        averaged = (
+            f"means of {means[0]} × {means[1]} pixels of one filter, whose noise is lower"
+        )
+        rows["pictures"] = (
+            f"{averaged}; beside them {part.shape[1]} × {part.shape[0]} pixels at 1:1"
+        )
     if frames.notes:
         rows["notes"] = " · ".join(frames.notes)
-    said = f"first of {count} raw frames of {camera.name}"
-    return fragment(
-        f"Raw frames of {camera.name}",
-        picture(png.png(shown), shown.shape[1], said),
-        facts(rows),
-    )
+    return fragment(f"Raw frames of {camera.name}", *pictures, facts(rows))
 
 
-def binned(digital: NDArray[np.generic], camera: Camera) -> Float64Array:
-    """A raw frame of at most MOST_PIXELS pixels, or one unit of the mosaic: means of neighbours behind the same filter,
-    in the same mosaic."""
+def binned(
+    digital: NDArray[np.generic], camera: Camera
+) -> tuple[Float64Array, tuple[int, int]]:
+    """Return a raw frame of at most MOST_PIXELS pixels, or one tile of the mosaic, and how many rows and columns of
+    each filter one of its pixels is the mean of."""
     tile_rows, tile_columns = np.array(camera.tile).shape
     rows, columns = digital.shape
     step = 1
     while (rows // step + 1) * (columns // step + 1) > MOST_PIXELS:
         step += 1
     if step == 1:
-        return np.asarray(digital, dtype=np.float64)
+        return np.asarray(digital, dtype=np.float64), (1, 1)
     step_y = max(min(step, rows // tile_rows), 1)
     step_x = max(min(step, columns // tile_columns), 1)
     down, right = rows // (step_y * tile_rows), columns // (step_x * tile_columns)
     whole = digital[: down * step_y * tile_rows, : right * step_x * tile_columns]
     blocks = whole.reshape(down, step_y, tile_rows, right, step_x, tile_columns)
     means = blocks.mean(axis=(1, 4), dtype=np.float64)
-    return np.asarray(means.reshape(down * tile_rows, right * tile_columns))
+    return np.asarray(means.reshape(down * tile_rows, right * tile_columns)), (step_y, step_x)
 
 
 def image_facts(frames: RawFrames) -> dict[str, Any]:

@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 from ..camera.dual_pixels import has_several_readouts
 from ..camera.figures import refuse_readouts
 from ..camera.readouts import unknown_readout
-from ..core import InputError, by_weight
+from ..core import Exposure, InputError, by_weight
+from ..core.checks import require_path
+from ..core.plots import labelled_axes
+from ..files.texts import write_page
+from ..render.light.light_source import CollectedLight
+from ..render.light.photons import photons_of
 from ..sensor.expose import PreparedExposure
 from ..sensor.frame_notes import exposure_notes as notes_of_exposure
 from ..sensor.frames import KEEP, RawFrames
@@ -27,12 +32,16 @@ from ..theory.plan import Plan
 from ..theory.report import FrameObserver, report
 from .dng import write_dng
 from .frame_files import frames_html, preview_of, save_frames
+from .frame_page import frame_page
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from ..render.light.irradiance import Irradiance
 
 SERIALS = 32
 """Sensor units whose clean frames are averaged."""
+PLOTTED_BINS = 256
 
 
 class FramesOfReadouts(dict[str, "Frames"]):
@@ -199,6 +208,11 @@ class Frames(RawFrames):
         """Every stage as expected and as it is in these frames, ready for JSON (see report.py)."""
         return report(self.camera, self.theory, self._observer)
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many pixels of the first frame are clipped, by the cause."""
+        return dict(self._observer.counts)
+
     @cached_property
     def _observer(self) -> FrameObserver:
         """Who followed the first frame; it is computed again unless it was ``followed``."""
@@ -230,6 +244,42 @@ class Frames(RawFrames):
         """Write one of the frames as a DNG, its pixels unchanged. Raises InputError where other programs read none:
         beyond 16 bits, of filters that are not red, green and blue in 2 × 2, below 22 × 22 pixels."""
         write_dng(path, self, number)
+
+    def exposed_for(self, exposure: Exposure, keep: tuple[str, ...] = ()) -> Frames:
+        """Return the first frame exposed again to its light, with its random numbers, for another time."""
+        source, first = self.light.source, self.first.on(self.backend)
+        if exposure == first.exposure:
+            light = self.light
+        elif isinstance(source, CollectedLight) and source.light.waveforms:
+            light = photons_of(source.light, self.camera, exposure)
+        else:
+            light = self.light.scaled(exposure.time_s / first.exposure.time_s)
+        prepared = PreparedExposure(self.camera, self.stages, first, 1, keep)
+        return Frames.exposed(prepared.at(exposure).of(light))
+
+    def save_page(self, path: str | os.PathLike[str]) -> None:
+        """Write an HTML page of the first frame: a slider over exposure times, and the code, expected value and σ of
+        the pixel under the pointer. Raises InputError if the file cannot be written."""
+        write_page(require_path("path", path, "frame.html"), frame_page(self))
+
+    def histogram(self) -> NDArray[np.int64]:
+        """Return how many pixels of all frames have each code, shape (2**bits,)."""
+        bins = 2**self.camera.code_bits
+        return np.bincount(self.digital.ravel(), minlength=bins)
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Draw the histogram of the codes in at most 256 bins with Matplotlib; return the axes."""
+        counts = self.histogram()
+        bins = min(counts.size, PLOTTED_BINS)
+        width_dn = counts.size // bins
+        labels = f"Codes of {self.camera.name}", "code [DN]", f"pixels per {width_dn} DN"
+        drawn = labelled_axes(axes, *labels)
+        edges = np.arange(bins + 1) * width_dn - 0.5
+        drawn.stairs(counts.reshape(bins, -1).sum(axis=1), edges, fill=True, label="all frames")
+        drawn.axvline(counts.size - 1, color="black", linestyle=":", label="full-scale code")
+        drawn.set_yscale("symlog")
+        drawn.legend()
+        return drawn
 
     def _repr_html_(self) -> str:
         return frames_html(self)

@@ -18,29 +18,29 @@ from .limits import (
 )
 
 if TYPE_CHECKING:
-    from .motion.motion import Motion
+    from .scene.motion import Motion
 
 
 def _checked_traverse(name: str, value: object) -> object:
-    from .scene.scene_edits import checked_traverse
+    from .scene.asked import checked_traverse
 
     return checked_traverse(name, value)
 
 
 def _checked_light_groups(name: str, value: object) -> object:
-    from .scene.asked_groups import checked_light_groups
+    from .scene.asked import checked_light_groups
 
     return checked_light_groups(name, value)
 
 
 def _checked_infrared(name: str, value: object) -> object:
-    from .infrared.materials import checked_infrared
+    from .scene.asked import checked_infrared
 
     return checked_infrared(name, value)
 
 
 def _checked_look_at(name: str, value: object) -> object:
-    from .scene.scene_edits import checked_look_at
+    from .scene.asked import checked_look_at
 
     return checked_look_at(name, value)
 

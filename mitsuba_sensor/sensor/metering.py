@@ -176,7 +176,7 @@ def saturated_share(
     limit_e = max(
         level_e - mean_dark_e(camera, exposure), -FLOAT32_LIMIT
     )  # the light may be float32
-    width_e = SHOT_NOISE * math.sqrt(level_e)
+    width_e = SHOT_NOISE * math.sqrt(max(level_e, 1.0))
     if electrons.max() < limit_e - width_e / 2:
         return 0.0
     saturated = 0.0

@@ -63,6 +63,14 @@ class FileTable(BaseModel):
         """Sentences about this camera's values of these fields that are allowed and may surprise."""
         return ()
 
+    def __dir__(self) -> list[str]:
+        """Public names of the table, without those of pydantic's base class."""
+        return [
+            name
+            for name in super().__dir__()
+            if name[0] != "_" and not hasattr(BaseModel, name)
+        ]
+
     def __setattr__(self, name: str, value: object) -> None:
         """Refuse to change a field in place, in one sentence."""
         if name in type(self).model_fields:

@@ -11,12 +11,13 @@ import math
 import textwrap
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ..core import Array, Electrons, Frame
 from ..core.html import Table, fragment
+from ..core.plots import labelled_axes
 from ..core.types import Float64Array
 from ..sensor.run import strips_of
 from ..sensor.threads import for_each
@@ -31,6 +32,9 @@ from .expected import (
     variances_of,
 )
 from .report import error_of_root
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 ROUNDING, ROUNDING_DN2 = 1e-6, 1e-9
 """Variances below this share of the total, or below this, are rounding of float32 [DN²]."""
@@ -78,6 +82,11 @@ class Contribution(NamedTuple):
             self.temporal_dn2 < -ERRORS * self.temporal_error_dn2 - ROUNDING_DN2
             or self.spatial_dn2 < -ERRORS * self.spatial_error_dn2 - ROUNDING_DN2
         )
+
+    def shown_sigma_dn(self, name: str) -> float:
+        """Return the temporal or spatial σ [DN], 0 for a variance within its errors of 0."""
+        variance, error = getattr(self, f"{name}_dn2"), getattr(self, f"{name}_error_dn2")
+        return math.sqrt(variance) if variance > ERRORS * error else 0.0
 
     @property
     def is_idle(self) -> bool:
@@ -169,6 +178,18 @@ class NoiseBudget:
             text.append(f"{name:<{first}}{''.join(columns)}")
         below = (textwrap.fill(remark, first + sum(widths)) for remark in self.remarks)
         return "\n".join([*text, *below])
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Draw temporal and spatial σ of each source as bars with Matplotlib; return the axes."""
+        shown = self.rows[::-1]
+        drawn = labelled_axes(axes, "Noise budget of one frame", "σ [DN]", "")
+        places = np.arange(len(shown))
+        for name, offset in (("temporal", 0.2), ("spatial", -0.2)):
+            sigma_dn = [row.shown_sigma_dn(name) for row in shown]
+            drawn.barh(places + offset, sigma_dn, 0.4, label=f"{name} noise")
+        drawn.set_yticks(places, [row.source for row in shown])
+        drawn.legend()
+        return drawn
 
     def _repr_html_(self) -> str:
         lines = [(row.source, *row.cells) for row in self.rows]

@@ -48,9 +48,9 @@ from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.render.light.irradiance import Irradiance, RenderedFor
 from mitsuba_sensor.render.light.photons import collect
 from mitsuba_sensor.render.light.statistics import RenderStatistics
-from mitsuba_sensor.render.motion.motion import read_motion
+from mitsuba_sensor.render.load.scene import inspect_scene
+from mitsuba_sensor.render.scene.motion import read_motion
 from mitsuba_sensor.render.scene.parse_scene import parse
-from mitsuba_sensor.render.scene.scene import inspect_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
 SECONDS, KILOBYTES = 20.0, 2**20  # of one case

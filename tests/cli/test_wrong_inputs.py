@@ -18,7 +18,7 @@ from helpers.marks import one_in
 import mitsuba_sensor as ms
 from mitsuba_sensor.files import png, texts, tiff
 from mitsuba_sensor.files.disk_errors import disk_sentences
-from mitsuba_sensor.render.scene.scene import Scene
+from mitsuba_sensor.render.load.scene import Scene
 from mitsuba_sensor.sensor.expose import PreparedExposure
 
 TABLE = Path(__file__).parent.parent / "data" / "wrong_inputs.txt"

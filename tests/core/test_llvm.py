@@ -89,7 +89,7 @@ def poison(folder: Path) -> Path:
 
 
 @linux
-@pytest.mark.parametrize("named", ["nothing", "no library", "the poison"])
+@pytest.mark.parametrize("named", [exhaustive("nothing"), "no library", "the poison"])
 def test_llvm_15_alone_is_never_loaded_and_scalar_renders(tmp_path: Path, named: str) -> None:
     """Whatever the environment names."""
     path = {"nothing": {}, "no library": {LLVM_PATH: os.devnull}}
@@ -132,7 +132,7 @@ STEPS = {
     "order",
     [
         "ms mi set mi.render ms.render",
-        "ms ms.render mi mi.render",
+        exhaustive("ms ms.render mi mi.render"),
         exhaustive("ms mi set ms.render mi.render"),
         exhaustive("ms ms.render mi set mi.render"),
     ],

@@ -1,9 +1,8 @@
 """core/options.py: one declaration gives signature, help, check, metadata and flag."""
 
 # Without `from __future__ import annotations`: options are declared here.
-import inspect
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypedDict, Unpack
+from typing import Annotated, Any, Literal, TypedDict
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.capture_options import CaptureOptions
 from mitsuba_sensor.cli.options import flags
 from mitsuba_sensor.core.errors import require_seed
-from mitsuba_sensor.core.options import Option, complete, declared, documents, part_of, used
+from mitsuba_sensor.core.options import Option, complete, declared, used
 
 
 class Lens(TypedDict, total=False):
@@ -55,13 +54,6 @@ def test_a_wrong_option_is_one_sentence(given: dict[str, object], said: str) -> 
         complete(Picture, given)
 
 
-def test_what_is_not_given_has_its_default() -> None:
-    assert part_of(Lens, complete(Picture, {"blades": 5})) == {"f_number": 2.8, "blades": 5}
-    assert complete(Picture, {"blades": np.int64(5)}) == {
-        "f_number": 2.8, "blades": 5, "mode": "grey", "flip": False, "name": None, "seed": None, "maps": None,
-    }  # fmt: skip
-
-
 def test_the_metadata_hold_every_option_as_a_plain_value() -> None:
     given = {"maps": {"prnu": np.ones(3)}, "name": "x", "flip": True}
     found = used(Picture, given)
@@ -73,26 +65,6 @@ def test_the_metadata_hold_every_option_as_a_plain_value() -> None:
         and found["f_number"] == 2.8
     )
     assert used(Picture, {"maps": Path("a") / "b"})["maps"] == str(Path("a") / "b")
-
-
-def test_help_and_signature_show_every_option() -> None:
-    @documents(Picture)
-    def take(scene: str, **options: Unpack[Picture]) -> None:
-        """Take it."""
-
-    parameters = inspect.signature(take).parameters
-    assert list(parameters) == [
-        "scene",
-        "f_number",
-        "blades",
-        "mode",
-        "flip",
-        "name",
-        "seed",
-        "maps",
-    ]
-    assert parameters["f_number"].default == 2.8
-    assert take.__doc__ is not None and "blades : int. Blades of the aperture." in take.__doc__
 
 
 def test_a_command_has_a_flag_for_every_option() -> None:
@@ -109,14 +81,6 @@ def test_a_command_has_a_flag_for_every_option() -> None:
         "scene": "x", "f_number": 4.0, "blades": None, "mode": "colour", "flip": True, "name": None, "seed": None,
     }  # fmt: skip
     assert "Blades of the aperture." in CliRunner().invoke(app, ["--help"]).output
-
-
-def test_an_option_must_be_declared_with_its_meaning() -> None:
-    class Bare(TypedDict, total=False):
-        spp: int
-
-    with pytest.raises(TypeError, match=r"Bare\.spp must be declared as Annotated"):
-        complete(Bare, {})
 
 
 @pytest.mark.parametrize("one", declared(CaptureOptions), ids=lambda one: one.name)

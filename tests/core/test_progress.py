@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import progress as bars
-from mitsuba_sensor.cli.progress import CommandLines, lines_while_working
 from mitsuba_sensor.core import progress as progress_module
 from mitsuba_sensor.core.progress import (
     EVERY_S,
@@ -62,23 +60,6 @@ def test_a_line_is_written_every_ten_seconds_and_none_before(clock: Clock) -> No
     assert said[0] == "loading the scene: 10 s so far"
 
 
-def test_a_line_says_what_is_done_the_share_and_the_time_so_far(clock: Clock) -> None:
-    said: list[str] = []
-    lines = ProgressLines(said.append, "loading the scene", clock)
-    clock.now += 4
-    lines.tell("rendering", 0.5)
-    clock.now += 16
-    lines.tick()
-    assert said == ["rendering: 50 %, 20 s so far"]
-    lines.tell("verified", share=0.25)
-    clock.now += 10
-    lines.tick()
-    assert said[1] == "verified: 25 %, 30 s so far"
-    clock.now += 7200
-    lines.tick()
-    assert said[2] == "verified: 25 %, 2.0 h so far"
-
-
 def test_a_series_of_renders_counts_those_that_follow() -> None:
     series = Series({"frames": 4, "first_frame": 5, "render_noise": "per-frame"})
     step = RenderProgress(1, 10, seconds=20.0, frame=6)
@@ -102,19 +83,6 @@ def test_a_render_in_python_says_how_far_it_is(clock: Clock, written: list[str])
         clock.now += 1
         tell(RenderProgress(2, 8, seconds=10.0))
     assert written == ["capture: rendering: 25 %, 10 s so far"]
-
-
-def test_anything_else_is_refused() -> None:
-    camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.01)
-    for call in (
-        lambda: ms.render("no.xml", camera, exposure, progress="yes"),  # type: ignore[arg-type]
-        lambda: ms.capture("no.xml", camera, exposure, progress=1),  # type: ignore[arg-type]
-        lambda: ms.render_frames("no.xml", camera, exposure, progress=1),  # type: ignore[arg-type]
-        lambda: ms.expose(np.ones((2, 2)), camera, exposure, progress=1),  # type: ignore[arg-type]
-        lambda: ms.lab.fit("no", progress=1),  # type: ignore[arg-type]
-    ):
-        with pytest.raises(ms.InputError, match=r"progress is .* must be None .* False"):
-            call()
 
 
 def test_many_frames_say_how_many_are_done(
@@ -163,42 +131,6 @@ def test_work_inside_other_work_says_nothing_of_its_own(
         assert inner is None
     with automatic_progress("fit", "fitting") as teller:
         assert teller is not None
-
-
-def test_every_command_says_how_far_it_is_where_no_terminal_is(
-    clock: Clock, written: list[str]
-) -> None:
-    console = Console(file=io.StringIO())
-    with lines_while_working(False, clock):
-        lines = CommandLines.running
-        assert lines is not None
-
-        def line() -> str:
-            clock.now += 10
-            lines.tick()
-            return written[-1]
-
-        assert line() == "working: 10 s so far"
-        with bars.render_progress(console, {}, "reading the light") as render:
-            assert line() == "reading the light: 20 s so far"
-            render(RenderProgress(1, 10, seconds=20.0))
-            assert line() == "rendering: 10 %, 30 s so far"
-        with bars.share_bar(console) as study:
-            study("case 3", 0.25)
-            assert line() == "case 3: 25 %, 40 s so far"
-        with bars.steps_bar(console) as steps:
-            steps(3, 12, "reading frames")
-            assert line() == "reading frames, 3 of 12: 25 %, 50 s so far"
-            steps(0, 1, "fitting")
-            assert line() == "fitting: 0 %, 60 s so far"
-        with bars.samples_bar(console) as samples:
-            clock.now += 10
-            samples(RunProgress(100, there=20, made=5, now="rendering ball.xml"))
-            assert line() == (
-                "25 of 100 samples, 0.5 samples/s, rendering ball.xml: 25 %, 80 s so far"
-            )
-        assert line().startswith("working")
-    assert CommandLines.running is None
 
 
 def test_a_dataset_that_is_made_in_python_says_how_far_it_is(

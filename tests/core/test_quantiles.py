@@ -212,7 +212,7 @@ THINNED += ((7, 0.0, 3.0), (0, 5.0, 5.0), (400, 1.0, 1.0), (10**6, 1e6, 300.0))
 """Electrons, and the mean of either kind."""
 
 
-@pytest.mark.parametrize(("number", "light", "dark"), one_in(3, THINNED, several=True))
+@pytest.mark.parametrize(("number", "light", "dark"), one_in(6, THINNED, several=True))
 def test_binomial_distribution_of_a_million_even_integers_is_the_exact_distribution(
     number: int, light: float, dark: float
 ) -> None:

@@ -24,8 +24,8 @@ from mitsuba_sensor.optics.calibration import Calibration, calibration_of
 from mitsuba_sensor.optics.intrinsics import intrinsics
 from mitsuba_sensor.optics.shutter import shutter_of
 from mitsuba_sensor.render.motion.aovs import aovs_of, load_for_rays
-from mitsuba_sensor.render.motion.motion import KeyPose, Motion
 from mitsuba_sensor.render.options import SceneOptions
+from mitsuba_sensor.render.scene.motion import KeyPose, Motion
 from mitsuba_sensor.render.scene.parse_scene import parse
 from mitsuba_sensor.render.variants import choose_variant, use
 

@@ -48,7 +48,7 @@ def test_a_network_leaves_less_noise_than_there_was_in_a_scene_that_it_has_not_s
     kept = [one for one in tables.split("\n[[") if not any(name in one for name in left_out)]
     text = "\n[[".join(kept) + grid + rest
     (tmp_path / "small.toml").write_text(text, "utf-8")
-    command = [sys.executable, str(ROOT / "examples" / "train_a_denoiser.py"), "pairs"]
+    command = [sys.executable, str(ROOT / "examples" / "train_a_denoiser.py"), "-o", "pairs"]
     command += ["--dataset", "small.toml", "--steps", "400", "--json"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
@@ -60,5 +60,5 @@ def test_a_network_leaves_less_noise_than_there_was_in_a_scene_that_it_has_not_s
         scene, _, stops = row["pair"]
         if scene == "caustic" and stops in ("-5 EV", "-7 EV"):
             assert row["psnr_db"]["network"] > row["psnr_db"]["noisy"] + 0.7
-    with Image.open(tmp_path / "denoised.png") as picture:
+    with Image.open(tmp_path / "pairs" / "denoised.png") as picture:
         assert picture.width > 4 * 48

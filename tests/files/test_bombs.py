@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import os
 import pickle
 import re
@@ -28,11 +29,12 @@ from mitsuba_sensor.dataset.file import read_dataset
 from mitsuba_sensor.files.npz import read_fpn_maps, write_fpn_maps
 from mitsuba_sensor.files.openexr import Plane, write_planes
 from mitsuba_sensor.files.raw_files import read_raw
+from mitsuba_sensor.files.scene_references import scene_references
 from mitsuba_sensor.files.tiff import read_readouts
 from mitsuba_sensor.lab.frames.manifest import read_manifest
 from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.render.motion.aovs import render_aovs
-from mitsuba_sensor.render.motion.motion import read_motion
+from mitsuba_sensor.render.scene.motion import read_motion
 from mitsuba_sensor.render.scene.parse_scene import parse
 
 SIDE = 100_000
@@ -336,6 +338,41 @@ def test_a_film_of_more_pixels_than_can_be_rendered_is_refused(tmp_path: Path) -
             ms.load_camera("konnik_table1"),
             variant="scalar_spectral",
         )
+
+
+NESTED = "".join(
+    f'<default name="{name}" value="{10 * ("$" + inner)}"/>'
+    for inner, name in itertools.pairwise("abcdefghijklm")
+)
+EXPANDING = {
+    "parameters of parameters": {"scene": f'<default name="a" value="0123456789"/>{NESTED}'},
+    "includes of includes": {
+        name: f'<include filename="{inner}.xml"/>' * 20
+        for name, inner in itertools.pairwise(("scene", *"abcdefgh"))
+    },
+    "an include of itself": {"scene": '<include filename="scene.xml"/>'},
+}
+
+
+@pytest.mark.parametrize("name", EXPANDING)
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda path: parse(path, {"variant": "scalar_spectral"}),
+        lambda path: scene_references(path, {}),
+    ],
+    ids=["parsed", "looked through"],
+)
+def test_scenes_that_expand_without_end_are_refused(
+    name: str, read: Callable[[Path], Any], tmp_path: Path
+) -> None:
+    """A thousand bytes asked for 10 GB and more; the last file of the includes has a sensor."""
+    (tmp_path / "h.xml").write_text(scene_text(""))
+    for file, inside in EXPANDING[name].items():
+        text = f'<scene version="3.0.0">{inside}</scene>'
+        (tmp_path / f"{file}.xml").write_text(text)
+    with pytest.raises(ms.InputError, match=r"give each parameter a plain value|flatten"):
+        read(tmp_path / "scene.xml")
 
 
 @pytest.mark.parametrize("make", [exr, png, jpeg])

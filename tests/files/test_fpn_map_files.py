@@ -13,7 +13,7 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.files import npz
-from mitsuba_sensor.render.scene.scene import Scene
+from mitsuba_sensor.render.load.scene import Scene
 
 TABLE1 = ms.load_camera("konnik_table1")
 SIZE = ("--rows", 12, "--width", 16)

@@ -32,7 +32,7 @@ from mitsuba_sensor.files.shipped_scenes import (
     scenes_folder,
     shipped_file,
 )
-from mitsuba_sensor.render.motion.motion import read_motion
+from mitsuba_sensor.render.scene.motion import read_motion
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
 NAMES = list_scenes()

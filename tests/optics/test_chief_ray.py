@@ -134,21 +134,6 @@ def test_a_render_has_it() -> None:
     assert any("chief ray of the corner comes at 26" in note for note in two.notes)
 
 
-@pytest.mark.parametrize(
-    ("fields", "says"),
-    [
-        ({"pixel.angular_response": (1.0, 0.5)}, "has 2 values for 4"),
-        ({"pixel.angular_response_deg": None}, "go together"),
-        ({"pixel.angular_response": (0.9, 0.8, 0.5, 0.1)}, "begins with 0.9; it is 1"),
-        ({"pixel.angular_response_deg": (1.0, 2.0, 3.0, 4.0)}, "must begin at 0"),
-        ({"pixel.angular_response_deg": (0.0, 2.0, 3.0, 140.0)}, "140"),
-    ],
-)
-def test_wrong_tables_are_refused(fields: dict[str, object], says: str) -> None:
-    with pytest.raises(ms.InputError, match=says):
-        camera_of(**fields)
-
-
 def test_a_table_that_ends_inside_the_picture_is_refused() -> None:
     short = {"pixel.angular_response": (1.0, 0.9), "pixel.angular_response_deg": (0.0, 3.0)}
     with pytest.raises(ms.InputError, match=r"angular_response_deg \[°\] ends at 3, and"):

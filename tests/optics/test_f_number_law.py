@@ -17,7 +17,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr, transmittance
 from mitsuba_sensor.optics.intrinsics import View, aperture_f_number, intrinsics, magnification
 from mitsuba_sensor.render.light.bands import box_bands
-from mitsuba_sensor.render.scene.scene import Scene, load_scene
+from mitsuba_sensor.render.load.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
 CAMERA = ms.load_camera("konnik_table1")
@@ -241,29 +241,6 @@ def test_a_distorted_pixel_gathers_the_light_of_what_it_sees(tmp_path: Path, kin
         assert solid_angle[row, column] == pytest.approx(expected, rel=2e-3)
     undistorted = solid_angle_sr(scene.view, CAMERA)
     assert abs(solid_angle[0, 0] / undistorted[0, 0] - 1) > 0.1
-
-
-@pytest.mark.parametrize(
-    ("fields", "says"),
-    [
-        ({"lens.distortion": [-0.9, 0, 0, 0, 0]}, "lens.distortion folds the image at"),
-        (
-            {"lens.distortion_percent": [0.0, -1.0], "lens.distortion_heights_mm": [0.0, 0.02]},
-            "lens.distortion_heights_mm ends too early: the sensor's corner has an ideal image height 2.* extend the",
-        ),
-    ],
-)
-def test_a_distortion_that_does_not_reach_the_corner_is_refused(
-    tmp_path: Path, fields: dict[str, Any], says: str
-) -> None:
-    with pytest.raises(ms.InputError, match=says) as caught:
-        loaded(
-            tmp_path,
-            CAMERA.replace(**fields),
-            "scalar_spectral",
-            sensor("perspective", axis_fov("x")),
-        )
-    assert "\n" not in str(caught.value)
 
 
 FINE = {"pixel.pitch_x_um": 750.0, "pixel.pitch_y_um": 750.0}

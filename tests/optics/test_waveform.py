@@ -116,14 +116,6 @@ def test_times_are_in_the_unit_of_the_header(
     np.testing.assert_allclose(table(str(file)).times_s, np.array([0, 2, 5]) * unit_s)
 
 
-@pytest.mark.parametrize("title", ["time", "time_min", "# time", "value", "time_nm"])
-def test_a_header_whose_unit_is_not_sure_is_refused(title: str, tmp_path: Path) -> None:
-    file = tmp_path / "lamp.csv"
-    file.write_text(f"{title},value\n0,1\n2,3\n", encoding="utf-8")
-    with pytest.raises(ms.InputError, match="call it time_s or time_ms or time_us or time_ns"):
-        table(str(file))
-
-
 @pytest.mark.parametrize(
     "rows",
     [

@@ -20,7 +20,7 @@ from mitsuba_sensor.files.raw_files import dng_tags, read_raw
 from mitsuba_sensor.output import dng
 from mitsuba_sensor.output.dng import calibrations
 from mitsuba_sensor.output.importers.import_camera import import_camera
-from mitsuba_sensor.render.scene.scene import Scene
+from mitsuba_sensor.render.load.scene import Scene
 
 BAYER, RGBIR = ms.load_camera("bayer_2mp"), ms.load_camera("rgbir_2mp")
 MONO, EXPOSURE, SIZE = ms.load_camera("konnik_table1"), ms.Exposure(0.01), (41, 53)

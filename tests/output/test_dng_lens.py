@@ -24,9 +24,10 @@ def opcodes(path: Path) -> dict[int, tuple[float, ...]]:
     """Number of the opcode → its doubles, parsed as DNG 1.4 describes a list of opcodes."""
     with tifffile.TiffFile(path) as file:
         tag = file.pages[0].tags.get(51022)  # type: ignore[union-attr]
-    if tag is None:
+        content = bytes(tag.value) if tag else b""
+    if not content:
         return {}
-    content, found, place = bytes(tag.value), {}, 4
+    found, place = {}, 4
     for _ in range(struct.unpack(">I", content[:4])[0]):
         number, version, flags, size = struct.unpack_from(">I4sII", content, place)
         assert version == b"\x01\x03\0\0" and flags == 1

@@ -27,10 +27,10 @@ from numpy.typing import NDArray
 import mitsuba_sensor as ms
 from mitsuba_sensor.output.exr import read_aovs_exr, read_irradiance_exr, write_aovs_exr
 from mitsuba_sensor.render.light.bands import choose_bands
+from mitsuba_sensor.render.load.scene import load_scene
 from mitsuba_sensor.render.motion.aovs import Aovs, render_aovs
-from mitsuba_sensor.render.motion.motion import read_motion
 from mitsuba_sensor.render.samples import hashed_seed
-from mitsuba_sensor.render.scene.scene import load_scene
+from mitsuba_sensor.render.scene.motion import read_motion
 from mitsuba_sensor.render.variants import choose_variant, use
 
 CAMERA = ms.load_camera("konnik_table1")

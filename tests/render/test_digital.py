@@ -6,23 +6,19 @@ their own, and the number of samples is such that their error is a third of the 
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers import BENCHMARKS
+from helpers.expected_codes import bare_camera
 from helpers.marks import one_in
 from helpers.scenes import skip_unless_usable
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.render.variants import choose_variant, use
-
-sys.path.insert(0, str(BENCHMARKS))
-from expected_codes import bare_camera
 
 FILM = """<film type="photosensor"><string name="camera" value="{camera}"/>
 <float name="exposure_s" value="{time_s}"/><integer name="width" value="16"/><integer name="height" value="12"/>{more}

@@ -15,7 +15,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.render.light.bands import choose_bands
 from mitsuba_sensor.render.light.statistics import pooled, summary_of, why_not_trusted
-from mitsuba_sensor.render.scene.scene import load_scene
+from mitsuba_sensor.render.load.scene import load_scene
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.02)
 REFERENCE = DATA / "cornell_box_64.npz"

@@ -15,9 +15,9 @@ from helpers.scenes import skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.light.bands import box_bands
+from mitsuba_sensor.render.load.scene import load_scene
 from mitsuba_sensor.render.scene.parse_scene import parse
 from mitsuba_sensor.render.scene.parsed_scene import POLARISING
-from mitsuba_sensor.render.scene.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
 CAMERA = ms.load_camera("konnik_table1")

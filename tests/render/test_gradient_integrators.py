@@ -13,7 +13,7 @@ from helpers.scenes import BALL, SKY, scene_text, skip_unless_usable, write_scen
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
-from mitsuba_sensor.render.scene.plugin_names import PRIMAL, gradient_integrators
+from mitsuba_sensor.render.scene.mitsuba_errors import PRIMAL, gradient_integrators
 from mitsuba_sensor.render.variants import choose_variant, use
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)

@@ -15,7 +15,7 @@ from helpers.scenes import (
 )
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.render.infrared.materials import materials
+from mitsuba_sensor.render.scene.asked import materials
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
 VISIBLE = ms.load_camera("konnik_table1")  # 400 to 700 nm

@@ -32,8 +32,8 @@ from mitsuba_sensor.optics import spectra
 from mitsuba_sensor.render import samples
 from mitsuba_sensor.render.light import bands as film
 from mitsuba_sensor.render.light.photons import photons_per_irradiance
+from mitsuba_sensor.render.load.scene import Scene
 from mitsuba_sensor.render.passes.prepared import prepare
-from mitsuba_sensor.render.scene.scene import Scene
 from mitsuba_sensor.render.variants import choose_variant, use
 from mitsuba_sensor.stages.effects.dark_current import mean_dark_e
 from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise

@@ -19,7 +19,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.optics.intrinsics import intrinsics
 from mitsuba_sensor.optics.traced_lens import cardinal_points, chief_ray_heights
 from mitsuba_sensor.render.light.bands import box_bands
-from mitsuba_sensor.render.scene.scene import Scene, load_scene
+from mitsuba_sensor.render.load.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
 LLVM = "llvm_ad_spectral"

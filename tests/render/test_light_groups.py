@@ -19,7 +19,7 @@ from mitsuba_sensor.render.light.light_sum import notes_of_groups
 from mitsuba_sensor.render.passes import prepared as prepared_module
 from mitsuba_sensor.render.passes.prepared import prepare
 from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
-from mitsuba_sensor.render.scene.asked_groups import checked_light_groups
+from mitsuba_sensor.render.scene.asked import checked_light_groups
 from mitsuba_sensor.render.scene.light_groups import light_groups_of
 from mitsuba_sensor.render.scene.parse_scene import parse
 

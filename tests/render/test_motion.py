@@ -30,14 +30,14 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.options import complete
 from mitsuba_sensor.optics.shutter import STEP_PX, Shutter, subframes
 from mitsuba_sensor.render.light.bands import choose_bands
-from mitsuba_sensor.render.motion.motion import Motion, read_motion
+from mitsuba_sensor.render.load.scene import Scene, load_scene
 from mitsuba_sensor.render.motion.moving_scene import (
     AnimatedTransforms,
     MovingScene,
 )
 from mitsuba_sensor.render.options import RenderOptions
 from mitsuba_sensor.render.samples import hashed_seed
-from mitsuba_sensor.render.scene.scene import Scene, load_scene
+from mitsuba_sensor.render.scene.motion import Motion, read_motion
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
 GLOBAL = ms.load_camera("konnik_table1")

@@ -16,7 +16,7 @@ from PIL import Image
 import mitsuba_sensor as ms
 from mitsuba_sensor.files.openexr import whole_exr
 from mitsuba_sensor.optics import spectra
-from mitsuba_sensor.render.motion.motion import read_motion
+from mitsuba_sensor.render.scene.motion import read_motion
 
 SCENE, PARTS = SCENES / "night_crossing.xml", SCENES / "parts" / "night_crossing"
 GROUPS = {

@@ -17,8 +17,8 @@ from helpers.scenes import scene_text, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.light.photons import photons_per_irradiance
+from mitsuba_sensor.render.load.scene import Scene
 from mitsuba_sensor.render.samples import hashed_seed
-from mitsuba_sensor.render.scene.scene import Scene
 from mitsuba_sensor.render_frames import RenderedFrame
 from mitsuba_sensor.stages.effects.dark_current import mean_dark_e
 

@@ -26,8 +26,8 @@ from helpers.scenes import (
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.light.bands import box_bands, channel_bands
+from mitsuba_sensor.render.load.scene import Scene, load_scene
 from mitsuba_sensor.render.plugins import plugin_hook
-from mitsuba_sensor.render.scene.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, mitsuba, use
 
 CAMERA = ms.load_camera("konnik_table1")
@@ -124,19 +124,6 @@ def test_a_camera_in_focus_is_a_thin_lens_in_scene_units(
     )
     assert ours.view == hand.view
     np.testing.assert_array_equal(ours.render(1, 16, (0, 8)), hand.render(1, 16, (0, 8)))
-
-
-def test_a_whole_render_of_one_file_is_that_of_the_scene_by_hand(tmp_path: Path) -> None:
-    ready("scalar_spectral")
-    options: dict[str, Any] = {"spp": 8, "bandwidth_nm": 100, "variant": "scalar_spectral"}
-    ours = ms.render(write_scene(tmp_path, one_file()), CAMERA, ms.Exposure(0.1), **options)
-    hand = ms.render(
-        write_scene(tmp_path, by_hand("perspective", {"fov": fov_deg(0.05e-3)})),
-        CAMERA,
-        ms.Exposure(0.1),
-        **options,
-    )
-    np.testing.assert_array_equal(ours.data, hand.data)
 
 
 def test_channels_of_the_film_hold_the_transmission_of_the_sensor_around_it(

@@ -124,50 +124,8 @@ def test_any_sensor_of_a_scene_has_a_raw_frame(variant: str) -> None:
     assert (frame(mi, seen_by(*TWO)) != alone).any()
 
 
-@scalar_first
-def test_the_raw_frames_of_a_batch_are_side_by_side(variant: str) -> None:
-    """The first is that of its sensor alone; the second shows the ball elsewhere, with temporal noise of its own."""
-    mi = ready(variant)
-    film = (
-        TWO[0][TWO[0].index("<film") :]
-        .replace('value="6"', 'value="12"')
-        .removesuffix("</sensor>")
-    )
-    batch = frame(mi, seen_by(f'<sensor type="batch">{film}{"".join(TWO)}</sensor>'))
-    assert batch.shape == (8, 12, 1)
-    np.testing.assert_array_equal(batch[:, :6], frame(mi, seen_by(TWO[0])))
-    shown = mi.load_string(seen_by(f'<sensor type="batch">{film}{TWO[0]}{TWO[0]}</sensor>'))
-    same_view = np.array(mi.render(shown, spp=16, seed=3))
-    assert (same_view[:, :6] != same_view[:, 6:]).any()
-    cropped = film.replace("</film>", '<integer name="crop_width" value="3"/></film>')
-    with pytest.raises(Exception) as error:
-        frame(mi, seen_by(f'<sensor type="batch">{cropped}{"".join(TWO)}</sensor>'))
-    assert "batch of sensors has a crop" in f"{error.value} {error.value.__cause__}"
 
 
-@scalar_first
-def test_aov_around_raw_frame_adds_its_channels_to_the_frame(variant: str) -> None:
-    """The frame is that of raw_frame alone, and the film keeps it; the channels are those of plain Mitsuba around path
-    with another film, bit for bit where all first rays are drawn before anything else (in scalar variants they are
-    not)."""
-    mi = ready(variant)
-    around = '<integrator type="aov"><string name="aovs" value="depth:depth, normal:sh_normal"/>{}</integrator>'
-    scene = mi.load_string(seen_by(TWO[0], integrator=around.format(AROUND_PATH)))
-    both = np.array(mi.render(scene, spp=16, seed=3))
-    alone = frame(mi, seen_by(TWO[0]))
-    assert both.shape == (8, 6, 5)
-    np.testing.assert_array_equal(both[..., :1], alone)
-    np.testing.assert_array_equal(np.array(scene.sensors()[0].film().develop()), alone)
-    (fov,) = np.ravel(mi.traverse(scene.sensors()[0])["x_fov"])
-    size = '<integer name="width" value="6"/><integer name="height" value="8"/><rfilter type="box"/>'
-    film = (
-        f'<film type="hdrfilm">{size}<string name="component_format" value="float32"/></film>'
-    )
-    sensor = f'<sensor type="perspective"><float name="fov" value="{fov}"/>{film}</sensor>'
-    plain = frame(mi, seen_by(sensor, integrator=around.format('<integrator type="path"/>')))
-    assert both[..., 1].max() > 3
-    if variant != "scalar_spectral":
-        np.testing.assert_allclose(both[..., 1:], plain[..., 3:], rtol=1e-4, atol=1e-5)
 
 
 def test_raw_frame_may_be_given_to_render_instead_of_the_integrator_of_the_scene() -> None:

@@ -19,7 +19,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
 from mitsuba_sensor.optics.traced_lens import cardinal_points, traced_lens
 from mitsuba_sensor.render.light.bands import box_bands
-from mitsuba_sensor.render.scene.scene import load_scene
+from mitsuba_sensor.render.load.scene import load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
 RADIANCE = 2e-4  # of SKY [W m⁻² sr⁻¹ nm⁻¹]

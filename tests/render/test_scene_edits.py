@@ -163,7 +163,7 @@ def test_the_pose_is_that_of_lookat_in_the_file_in_metres(tmp_path: Path, varian
     ("look_at", "said"),
     [
         ("0,0,0", "write origin, target"),
-        ("0,0,0 0,1", "write origin, target"),
+        ("0,0,0 0,1", "target_m"),
         ("0,0,a 0,1,0", "write origin, target"),
         ("0,0,nan 0,1,0", "finite number"),
         ("0,0,0 0,0,0", "target_m is at origin_m"),

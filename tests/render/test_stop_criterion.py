@@ -12,13 +12,13 @@ from helpers.marks import one_in
 from helpers.scenes import SCENES
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.render.load.scene import Scene
 from mitsuba_sensor.render.passes import prepared as prepared_module
 from mitsuba_sensor.render.passes.stop_criterion import (
     DEFAULT_DENOISED_SPP,
     DEFAULT_SPP,
     SURE_PASSES_MIN,
 )
-from mitsuba_sensor.render.scene.scene import Scene
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.02)
 BOX = SCENES / "cornell_box.xml"  # noise in every pixel

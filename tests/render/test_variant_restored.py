@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.render.motion.aovs import render_aovs
-from mitsuba_sensor.render.variants import mitsuba
+from mitsuba_sensor.render.variants import fastest_variant, mitsuba
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
 SCENE = scene_text(SKY, BALL.format(bsdf=""))
@@ -76,6 +76,17 @@ def test_the_user_s_variant_comes_back(
     mi = user_has(own)
     CALLS[call](tmp_path, rendering)
     assert mi.variant() == own
+
+
+def test_a_variant_without_spectra_is_not_the_one_that_renders() -> None:
+    """Where none is asked for, the same one is chosen as where none is set; a film of plain Mitsuba refuses colours."""
+    mi = user_has("scalar_rgb")
+    light = ms.render(SCENE, CAMERA, EXPOSURE, **FAST)
+    assert light.statistics.variant == fastest_variant("cuda", "llvm").name
+    assert mi.variant() == "scalar_rgb"
+    film = '<film type="photosensor"><string name="camera" value="konnik_table1"/></film>'
+    with pytest.raises(RuntimeError, match="needs a spectral variant"):
+        mi.load_string(scene_text(SKY, sensor=f'<sensor type="perspective">{film}</sensor>'))
 
 
 def test_it_comes_back_after_an_error_too() -> None:

@@ -17,8 +17,8 @@ from helpers.slanted_edge import edge_picture, frequency_response
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Float64Array
 from mitsuba_sensor.optics.point_spread import diffraction_mtf
+from mitsuba_sensor.render.load.weight_noise import without_weight_noise
 from mitsuba_sensor.render.passes.prepared import PreparedRender, prepare
-from mitsuba_sensor.render.scene.weight_noise import without_weight_noise
 
 LLVM = "llvm_ad_spectral"
 EXPOSURE = ms.Exposure(0.05)

@@ -11,7 +11,7 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.light.light_sum import sum_of_groups
-from mitsuba_sensor.sensor.auto_exposure import ExposureControl, whole_steps
+from mitsuba_sensor.sensor.auto_exposure import ExposureControl
 
 CAMERA = ms.load_camera("konnik_table1")
 pytestmark = pytest.mark.filterwarnings("ignore::mitsuba_sensor.SensorWarning")
@@ -84,16 +84,6 @@ def test_the_time_is_a_multiple_of_half_a_period_of_the_mains() -> None:
         assert control.exposure.time_s == pytest.approx(expected_s)
 
 
-def test_limits_hold_in_darkness_and_in_glare() -> None:
-    rule = ms.AutoExposure(shortest_s=1e-4, longest_s=0.02)
-    control, black = control_of(rule), np.zeros((4, 4), np.uint16)
-    control.measure(black)
-    assert control.exposure.time_s == 0.02
-    for _ in range(30):
-        control.measure(np.full((4, 4), 4095, np.uint16))
-    assert control.exposure.time_s == pytest.approx(1e-4)
-
-
 def test_frames_of_equal_exposure_are_those_without_a_controller(lamps: ms.Irradiance) -> None:
     lit = lamps.with_lights(lamp="pwm(100, 0.5)")
     rule = ms.AutoExposure(shortest_s=0.004, longest_s=0.004)
@@ -111,26 +101,3 @@ def test_frames_of_equal_exposure_are_those_without_a_controller(lamps: ms.Irrad
         sensor.expose(lit, ms.Exposure(0.004), frames=2, fps=FPS)
     still = ms.expose(replace(lit, waveforms={}), CAMERA, ms.Exposure(0.004), frames=2)
     assert still.digital.mean() != plain.digital[:2].mean()
-
-
-@pytest.mark.parametrize("mains_hz", [None, 50])
-def test_a_rolling_shutter_is_open_for_whole_rows(mains_hz: float | None) -> None:
-    """Multiples of 30 µs, within half a row of what a global shutter has, and within the limits."""
-    rolling = ms.load_camera("konnik_table1").replace(
-        **{"sensor.shutter": "rolling", "sensor.row_time_us": 30.0}
-    )
-    rule = ms.AutoExposure(shortest_s=1e-4, mains_hz=mains_hz)
-    for time_s in (1e-9, 1e-4, 1.234e-3, 0.0101, 0.0199, 0.04, 1.0):
-        given = ms.Exposure(time_s)
-        of_rows = ExposureControl.begin(rule, rolling, given, 0.04).exposure.time_s
-        free = ExposureControl.begin(
-            rule, rolling.replace(**{"sensor.shutter": "global"}), given, 0.04
-        ).exposure.time_s
-        assert of_rows / 30e-6 == pytest.approx(round(of_rows / 30e-6), abs=1e-6)
-        assert 1e-4 <= of_rows <= 0.04
-        assert abs(of_rows - free) <= 30e-6
-
-
-def test_rows_longer_than_the_frame_leave_the_time_as_it_is() -> None:
-    assert whole_steps(0.01, 0.05, 1e-6, 0.02) == 0.01
-    assert whole_steps(1e-6, 30e-6, 1e-6, 0.02) == pytest.approx(30e-6)

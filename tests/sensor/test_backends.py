@@ -202,21 +202,6 @@ def test_auto_compiles_for_much_work_and_not_for_little(
     assert run.choose_backend("auto", "float32", 10**8) is NUMPY_FLOAT32
 
 
-@pytest.mark.parametrize(
-    ("how", "sentence"),
-    [
-        ({"engine": "nunpy"}, "Did you mean"),
-        ({"engine": "drjit", "precision": "float64"}, "take numpy"),
-        ({"precision": "double"}, "float32, float64"),
-    ],
-)
-def test_an_engine_that_is_not_there_is_one_sentence(
-    how: dict[str, Any], sentence: str
-) -> None:
-    with pytest.raises(ms.InputError, match=sentence):
-        ms.expose([[1.0]], TABLE1, EXPOSURE, **how)
-
-
 def test_without_llvm_the_compiled_engine_says_what_to_do(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -238,25 +223,3 @@ def test_cuda_has_the_same_random_bits_and_at_most_1_dn() -> None:
         for engine in ("numpy", "cuda")
     )
     assert np.abs(one - other).max() <= 1
-
-
-def test_float64_differs_little_from_float32_with_the_same_random_bits() -> None:
-    """12 bits: fewer than 1 % of the pixels move, and by 1 DN."""
-    camera, light = TABLE1.replace(**NONLINEAR), dark_to_saturation(TABLE1)
-    single, double = (
-        ms.expose(light, camera, EXPOSURE, engine="numpy", precision=precision).digital.astype(
-            int
-        )
-        for precision in ("float32", "float64")
-    )
-    moved = np.abs(single - double)
-    assert moved.max() == 1 and 0 < np.mean(moved > 0) < 0.01
-
-
-def test_auto_leaves_float32_where_it_does_not_count() -> None:
-    """Codes of 24 bits, or a full well beyond 2^24 e-."""
-    backends = [
-        ms.expose([[1.0]], TABLE1.replace(**change), EXPOSURE).first.window.backend
-        for change in ({}, {"adc.bits": 24}, {"pixel.full_well_e": 2e7})
-    ]
-    assert backends == [NUMPY_FLOAT32, NUMPY_FLOAT64, NUMPY_FLOAT64]

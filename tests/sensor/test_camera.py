@@ -9,7 +9,6 @@ import math
 import pickle
 import re
 import tomllib
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from helpers.marks import one_in
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.datasheet_errors import fields_of
 from mitsuba_sensor.camera.shipped import SHIPPED
-from mitsuba_sensor.stages.chain import chain
 
 TABLE1 = tomllib.loads((SHIPPED / "konnik_table1.toml").read_text("utf-8"))
 SCHEMA = ms.Camera.model_json_schema()
@@ -136,17 +134,6 @@ def test_every_number_out_of_range_is_refused_with_value_range_and_example(dotte
             rf"{dotted} is -?(nan|inf|[\d.e+-]+); it must be .+ \(.+{REMEDY}\)\.$", message
         ), message
         assert repr(bad) in message
-
-
-@pytest.mark.parametrize("dotted", BY_WAVELENGTH)
-@pytest.mark.parametrize("bad", [math.nan, math.inf, 0.0, -1.0, 1e9, [300.0, math.nan]])
-def test_a_number_by_wavelength_out_of_range_is_refused_with_value_and_range(
-    dotted: str, bad: object
-) -> None:
-    message = refusal(with_field(dotted, bad))
-    assert re.match(
-        rf"{dotted}: \S+ is not a number from \S+ to \S+; give one .+ e\.g\. ", message
-    )
 
 
 @pytest.mark.parametrize("dotted", one_in(4, FIELDS))
@@ -292,52 +279,6 @@ def test_the_mosaic_repeats_from_the_first_pixel_of_the_sensor() -> None:
     np.testing.assert_array_equal(
         camera.filter_index((3, 3), (5, 4)), camera.filter_index((9, 9))[5:8, 4:7]
     )
-
-
-def test_each_pixel_of_a_mosaic_takes_the_curve_of_its_own_filter() -> None:
-    """Three bands, three filters: mean electrons are Σ QE_f(λ)·Λ_λ, and the tile says which f."""
-    camera = ms.load_camera("bayer_2mp")
-    detection = chain(camera)[0]
-    from mitsuba_sensor.core.exposure import Exposure
-    from mitsuba_sensor.core.frame import Frame
-    from mitsuba_sensor.core.sensor_window import SensorWindow
-    from mitsuba_sensor.core.signals import Photons
-
-    wavelengths = np.array([450.0, 530.0, 620.0])
-    light = np.broadcast_to([100.0, 200.0, 300.0], (4, 6, 3))
-    frame = Frame(Exposure(0.1), SensorWindow(1, (4, 6), (1, 0)))
-    electrons = detection.sample(Photons(light, wavelengths), frame).light
-    expected = (camera.qe(wavelengths) @ [100.0, 200.0, 300.0])[
-        camera.filter_index((4, 6), (1, 0))
-    ]
-    np.testing.assert_allclose(electrons, expected, rtol=1e-12)
-
-
-def test_no_such_camera_is_said_with_what_there_is(tmp_path: Path) -> None:
-    with pytest.raises(ms.InputError, match=r"konnik_table1.*Did you mean 'konnik_table1'"):
-        ms.load_camera("konik_table1")
-    sonys = [name for name in ms.list_cameras() if name.startswith("sony")]
-    with pytest.raises(ms.InputError, match=f"one of {', '.join(map(repr, sonys))}"):
-        ms.load_camera("sony")
-    with pytest.raises(ms.InputError, match=r"Did you mean 'raspberry_pi_hq' \(Rasp"):
-        ms.load_camera("imx477")
-    with pytest.raises(ms.InputError, match="cannot be read: No such file"):
-        ms.load_camera(tmp_path / "nothing.toml")
-    with pytest.raises(ms.InputError, match="cannot be read"):
-        ms.load_camera(tmp_path)
-
-
-def test_a_broken_camera_file_is_said_with_line_and_column(tmp_path: Path) -> None:
-    path = tmp_path / "broken.toml"
-    path.write_text('name = "x"\n[pixel\n', encoding="utf-8")
-    with pytest.raises(ms.InputError, match=r"broken\.toml is not valid TOML: .*line 2"):
-        ms.load_camera(path)
-    path.write_bytes(b'name = "\xff"\n')
-    with pytest.raises(ms.InputError, match="not UTF-8"):
-        ms.load_camera(path)
-    path.write_text("", encoding="utf-8")
-    with pytest.raises(ms.InputError, match="name is missing"):
-        ms.load_camera(path)
 
 
 @pytest.mark.parametrize("name", ms.list_cameras())

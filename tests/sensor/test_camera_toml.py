@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -111,36 +110,6 @@ def test_every_key_that_there_is_stands_in_the_file_below_its_explanation(name: 
                 assert f"# {said}" in prose, said
                 assert f"usual {one.usual}" in prose or not one.usual
     assert {table.path for table in tables(ms.Camera)} >= set(keys) - {"sources"}
-
-
-@pytest.mark.parametrize("name", one_in(4, ms.list_cameras()))
-def test_every_example_behind_a_number_sign_is_a_value_of_its_type(name: str) -> None:
-    """TOML when the sign is taken away; each alone, as many exclude each other."""
-    lines = re.findall(r"(?m)^# (\w+ = .+)$", CAMERAS[name].to_toml())
-    assert len(lines) > 40
-    for line in lines:
-        assert tomllib.loads(line)
-
-
-def test_a_set_number_without_a_source_is_listed_for_one() -> None:
-    camera = TABLE1.model_copy(update={"sources": {"adc.bits": "a book"}})
-    text = camera.to_toml()
-    assert (
-        '"adc.bits" = "a book"' in text
-        and '# "pixel.prnu" = ""' in text
-        and '# "adc.bits"' not in text
-    )
-
-
-def test_a_camera_with_a_stage_of_ones_own_is_in_no_file() -> None:
-    class Hum(ms.Stage):
-        domain = "volts"
-
-        def sample(self, signal: Any, frame: ms.Frame) -> Any:
-            return signal
-
-    with pytest.raises(ms.InputError, match="stage Hum; call with_stage again"):
-        TABLE1.with_stage(Hum(), after="reset_noise").to_toml()
 
 
 # Alternatives: None unsets.

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers import BENCHMARKS
+from helpers.expected_codes import bare_camera, mean_and_variance
 from helpers.marks import exhaustive, one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.stages.gains import gain_dn_per_e
-
-sys.path.insert(0, str(BENCHMARKS))
-from expected_codes import bare_camera, mean_and_variance
 
 SHAPE, FRAMES, EXPOSURE = (8, 12), 1000, ms.Exposure(0.1)
 TABLE1 = ms.load_camera("konnik_table1")

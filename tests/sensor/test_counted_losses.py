@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,20 +33,10 @@ def test_bands_beyond_the_curve_are_named_with_their_share_of_the_photons() -> N
     }
 
 
-def test_a_curve_that_covers_the_render_loses_nothing() -> None:
-    found = outside_qe(np.full((2, 3, 2), 7.0), [400.0, 700.0])
-    assert found == {"wavelengths_nm": [], "share_of_photons": 0.0}
-
-
 def test_no_light_has_no_share_outside_and_infinite_light_is_not_counted() -> None:
     assert outside_qe(np.zeros((2, 2, 2)), [300.0, 500.0])["share_of_photons"] == 0
     light = np.array([[[np.inf, 1.0], [3.0, np.inf], [0.0, 2.0]]])
     assert outside_qe(light, [300.0, 500.0])["share_of_photons"] == pytest.approx(3 / 6)
-
-
-def test_photons_without_a_wavelength_are_inside() -> None:
-    report = ms.expose(np.full((2, 2), 5.0), TABLE1, EXPOSURE).report
-    assert report["outside_qe"] == {"wavelengths_nm": [], "share_of_photons": 0.0}
 
 
 def test_what_is_outside_frees_no_electron() -> None:
@@ -61,21 +49,6 @@ def test_what_is_outside_frees_no_electron() -> None:
     expected = 0.6 * 8000 * (1 - share)
     assert frames.electrons.mean() == pytest.approx(
         expected, abs=5 * math.sqrt(expected + (0.005 * expected) ** 2) / 50
-    )
-
-
-def test_the_command_line_says_which_bands_were_not_detected(
-    light_file: Path, tmp_path: Path, cli: Any
-) -> None:
-    """Photons per band: irradiance × width × λ; 545, 555.25 and 1000.5 nm, the last beyond 700 nm."""
-    done = cli("expose", light_file, "-o", tmp_path / "out")
-    assert done.exit_code == 0 and "not detected" in done.stdout
-    found = json.loads((tmp_path / "out" / "frame.json").read_text(encoding="utf-8"))[
-        "outside_qe"
-    ]
-    assert found["wavelengths_nm"] == [1000.5]
-    assert found["share_of_photons"] == pytest.approx(
-        1000.5 * 2 / 3 / (545 * 10 + 555.25 * 10.5 + 1000.5 * 2 / 3), rel=0.1
     )
 
 
@@ -116,16 +89,3 @@ def test_pixels_that_a_law_made_negative_are_counted(case: str) -> None:
     assert number == pytest.approx(
         50_000 * share, abs=5 * math.sqrt(50_000 * share * (1 - share))
     )
-
-
-def test_a_given_map_is_counted_as_it_is() -> None:
-    gains = np.ones((4, 5))
-    gains[1, :3] = 0.0
-    report = ms.expose(np.full((4, 5), 100.0), TABLE1, EXPOSURE, maps={"prnu": gains}).report
-    assert report["counts"]["cut_to_zero_prnu"] == 3
-
-
-def test_offsets_may_be_negative_and_are_not_counted() -> None:
-    camera = TABLE1.replace(**{"pixel.dsnu_e": 20.0, "readout.dsnu_row": 0.01})
-    counts = ms.expose(np.zeros((20, 20)), camera, EXPOSURE).report["counts"]
-    assert not any("offset" in name for name in counts)

@@ -114,37 +114,3 @@ def test_files_hold_both_photodiodes(tmp_path: Path) -> None:
     assert names == ["frame 0, left", "frame 0, right", "frame 0, left and right"]
     np.testing.assert_array_equal(pages[0], frames.readouts["left"].digital[0])
     np.testing.assert_array_equal(pages[2], frames.digital[0])
-
-
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {"lens.half_pupil": "left"},
-        {"pixel.partial_resets": [[0.5, 1000.0]]},
-        {"pixel.hits_per_cm2_s": 1.0},
-        {"pixel.full_well_e": 1.0},
-    ],
-)
-def test_what_two_photodiodes_do_not_share_is_refused(fields: dict[str, object]) -> None:
-    with pytest.raises(ms.InputError, match=r"sensor.dual_pixel is true and"):
-        dual(**fields)
-
-
-@pytest.mark.parametrize(
-    ("name", "left", "said"),
-    [
-        ("left", 9000.0, "more than the photons of both photodiodes in 16 place"),
-        ("right", 10.0, "names 'right'; of dual pixels it has the light of the left"),
-    ],
-)
-def test_light_that_is_no_half_is_refused(name: str, left: float, said: str) -> None:
-    """Neither clipped nor left out in silence."""
-    part = ms.Photons(np.full((4, 4), left))
-    light = ms.Photons(np.full((4, 4), 8000.0), by_readout={name: part})
-    with pytest.raises(ms.InputError, match=said):
-        ms.expose(light, dual(), EXPOSURE)
-
-
-def test_a_photodiode_is_no_camera_of_its_own() -> None:
-    with pytest.raises(ms.InputError, match=r"take frames\.readouts"):
-        dual().at_readout("left")

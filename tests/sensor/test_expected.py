@@ -142,16 +142,16 @@ def test_a_drift_from_frame_to_frame_is_that_of_the_frames_that_were_asked_for()
 
 
 def test_standard_errors_are_the_spread_of_other_sensor_units() -> None:
-    """24 places on the sensor: other random numbers. The spread of χ² of 23 is 15 %; three times of that is allowed."""
+    """12 places on the sensor: other random numbers. The spread of χ² of 11 is 21 %; three times of that is allowed."""
     camera = changed(pixel__prnu=0.01)
     found, errors = [], []
-    for place in range(24):
+    for place in range(12):
         frames = ms.expose(light_of(8000.0, (32, 32)), camera, EXPOSURE, origin=(32 * place, 0))
         one = frames.theory.averages(frames.stages[-1])
         found.append(one[:3])
         errors.append(one.errors)
     spread, told = np.std(found, axis=0, ddof=1), np.sqrt(np.mean(np.square(errors), axis=0))
-    assert spread == pytest.approx(told, rel=0.45)
+    assert spread == pytest.approx(told, rel=0.65)
 
 
 # Frames of many sensor units
@@ -261,7 +261,7 @@ def test_a_report_has_the_frame_beside_what_is_expected_of_it() -> None:
     json.dumps(report, allow_nan=False)
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 200), (200, 1), (3, 2)])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 200), *map(exhaustive, [(200, 1), (3, 2)])])
 def test_frames_of_any_size_have_finite_figures(shape: tuple[int, int]) -> None:
     frames = ms.expose(light_of(1000.0, shape), ms.load_camera("konnik_table1"), EXPOSURE)
     json.dumps(
@@ -293,8 +293,8 @@ class NoNumber(Drift):
 
 
 def test_a_stage_that_returns_no_number_is_named() -> None:
-    frames = ms.expose(
-        light_of(10.0, (8, 8)), TABLE1.with_stage(NoNumber(), after="sense_node"), EXPOSURE
-    )
+    camera = TABLE1.with_stage(NoNumber(), after="sense_node")
+    with pytest.warns(RuntimeWarning, match="invalid value"):
+        frames = ms.expose(light_of(10.0, (8, 8)), camera, EXPOSURE)
     with pytest.raises(ms.InputError, match="NoNumber returns NaN"):
         _ = frames.report

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import math
-import re
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -151,22 +148,4 @@ def test_without_shot_noise_signal_over_noise_is_straight() -> None:
         found.snr_max
         == found.dynamic_range
         == pytest.approx(found.saturation_e / still_e, rel=1e-7)
-    )
-
-
-def test_a_camera_without_codes_for_light_has_one_sentence_and_is_shown_nevertheless() -> None:
-    dark = TABLE1.replace(**{"adc.black_level_dn": 4095.0})
-    with pytest.raises(ms.InputError, match="darkness is at the highest code"):
-        dark.emva1288()
-    assert "dynamic range" not in dark._repr_html_() and "dynamic range" in TABLE1._repr_html_()
-
-
-def test_the_command_line_shows_symbol_value_and_unit(cli: Callable[..., Any]) -> None:
-    said = cli("cameras", "show", "konnik_table1").stdout
-    for line in (r"σ_d +6\.1051\d* +e- rms", r"K +0\.12412\d* +DN/e-", r"DR +73\.36\d +dB"):
-        assert re.search(line, said), said
-    found = json.loads(cli("cameras", "show", "konnik_table1", "--json").stdout)["emva1288"]
-    assert (
-        found["system_gain_dn_per_e"] == TABLE1.system_gain_dn_per_e
-        and found["exposure"]["time_s"] == 0
     )

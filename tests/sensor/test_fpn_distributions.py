@@ -7,7 +7,6 @@ chance at all. The rest has a fixed seed and 5 standard errors (one other seed i
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,8 @@ import pytest
 from helpers.marks import one_in
 from scipy import integrate, stats
 
-import mitsuba_sensor as ms
 from mitsuba_sensor.core import distributions
-from mitsuba_sensor.core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
+from mitsuba_sensor.core.backend import NUMPY_FLOAT64
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.fpn_distributions import (
     Autoregressive,
@@ -127,76 +125,3 @@ def test_the_map_of_a_crop_is_the_crop_of_the_map(family: Any, origin: tuple[int
     np.testing.assert_array_equal(
         map_of(family, 0.4, (12, 14), origin), whole[min(y, 5) :, min(x, 5) :][:12, :14]
     )
-
-
-@pytest.mark.parametrize(
-    "family", [Autoregressive, AutoregressiveRectified], ids=lambda f: f.__name__
-)
-@pytest.mark.parametrize("coupling", [0.0, 0.25, 0.45])
-def test_neighbours_along_rows_and_columns_correlate_by_twice_the_coupling(
-    family: Any, coupling: float
-) -> None:
-    """On a map, whose seams between blocks must not show; 5 standard errors from 64 tiles (0.006 at a = 0.25)."""
-    x = family(0.01, coupling=coupling).map_of(SensorWindow(5, (1024, 1024)), "prnu") / 0.01
-    x = x - 1 / 0.01
-    for pairs in (x[:, 1:] * x[:, :-1], (x[1:] * x[:-1]).T):
-        tiles = pairs[:, :1016].reshape(8, 128, 8, 127).mean(axis=(1, 3)) - 2 * coupling
-        assert abs(tiles.mean()) < 5 * tiles.std(ddof=1) / 8
-    seam = np.concatenate([x[:, 511] * x[:, 512], x[511] * x[512]])
-    assert seam.mean() == pytest.approx(
-        2 * coupling, abs=5 * 1.5 * math.sqrt((1 + 2 * coupling) / 2048 * 4)
-    )
-
-
-WIDTHS = (0.4, 1.0, 5.0, 10.0, 30.0, 50.0, 100.0)
-DRAWN = [
-    (family, cv)
-    for family in (LogNormal, Gamma, Logistic, Gaussian, Rectified)
-    for cv in WIDTHS
-    if cv <= family.largest_cv
-]
-
-
-def drawable_integers() -> tuple[Any, Any]:
-    """Integers and their weights: the 4096 at each end one by one, Gauss-Legendre on strata in between."""
-    nodes, weights = np.polynomial.legendre.leggauss(20)
-    ranks, shares = [np.arange(4096.0)], [np.ones(4096)]
-    for low, high in pairwise(np.geomspace(4096, 2**31, 60)):
-        ranks.append(np.rint(low + (high - low) * (nodes + 1) / 2 - 0.5))
-        shares.append(weights * (high - low) / 2)
-    rank, share = np.concatenate(ranks), np.concatenate(shares) / 2**32
-    return np.concatenate([rank, 2**32 - 1 - rank]).astype(np.uint32), np.concatenate(
-        [share, share]
-    )
-
-
-@pytest.mark.parametrize("backend", [NUMPY_FLOAT64, NUMPY_FLOAT32], ids=["float64", "float32"])
-@pytest.mark.parametrize(("family", "cv"), one_in(3, DRAWN, several=True))
-def test_theory_is_that_of_the_factors_that_32_bits_draw(
-    family: Any, cv: float, backend: Any
-) -> None:
-    """No chance: an integral over all integers. Without their end a log-normal law of cv 100 has 21 % more σ."""
-    bits, share = drawable_integers()
-    factors = np.asarray(family(cv).from_bits(backend, bits), np.float64)
-    mean = float(share @ factors)
-    sigma = math.sqrt(float(share @ np.square(factors - mean)))
-    cut = stats.norm(1, cv)
-    whole = [cut.expect(lambda x, power=power: x**power, lb=0) for power in (1, 2)]
-    assert mean == pytest.approx(whole[0] if family is Rectified else 1.0, rel=1e-3)
-    widths = {LogNormal: LogNormal(cv).drawn_cv, Gamma: cv}
-    of_cut = math.sqrt(whole[1] - whole[0] ** 2)
-    widths |= {Rectified: of_cut, Gaussian: of_cut / whole[0]}
-    if family in widths:
-        assert sigma == pytest.approx(widths[family], rel=1e-3)
-
-
-def test_a_lognormal_dark_current_that_is_drawn_narrower_says_so() -> None:
-    """E[X²; Z < 6.3] of a log-normal law: 1 − Φ(2σ − 6.3) of it, near enough."""
-    camera = ms.load_camera("konnik_table1")
-    (note,) = (
-        one for one in camera.replace(**{"dark_current.cv": 30.0}).notes if "6.3 σ" in one
-    )
-    sigma = math.sqrt(math.log1p(30.0**2))
-    drawn = math.sqrt(901 * stats.norm.cdf(6.3 - 2 * sigma) - 1)
-    assert float(note.split(" is ")[2].split(":")[0]) == pytest.approx(drawn, rel=0.03)
-    assert not any("6.3 σ" in one for one in camera.replace(**{"dark_current.cv": 10.0}).notes)

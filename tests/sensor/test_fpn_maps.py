@@ -15,11 +15,6 @@ TABLE1 = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)
 SHAPE = (12, 17)
 LIGHT = np.linspace(0, 50_000, SHAPE[0] * SHAPE[1]).reshape(SHAPE)
-PARTS = {
-    "dark_current.components": [
-        {"weight": 0.3, "family": "normal", "mean": 400, "sigma": 50, "unit": "e_per_s"}
-    ]
-}
 OPTIONS: dict[str, dict[str, Any]] = {
     "as shipped": {},
     "no pattern at all": {"pixel.prnu": 0.0, "dark_current.cv": 0.0, "readout.dsnu_col": 0.0},
@@ -53,14 +48,6 @@ OPTIONS: dict[str, dict[str, Any]] = {
     },
     "yield": {"quantum_efficiency.quantum_yield": [2.0, 1.2]},
 }
-SITES = {
-    "parts": PARTS,
-    "RTS pixels": {
-        "dark_current.rts_fraction": 0.3,
-        "dark_current.rts_amplitude_e_per_s": 900.0,
-    },
-}
-"""Which pixels follow a component or are RTS pixels follows from the serial, also where maps are given."""
 
 
 @pytest.mark.parametrize("origin", [(0, 0), (506, 1020)], ids=str)
@@ -78,17 +65,6 @@ def test_a_sensor_is_its_maps_whatever_the_serial(
         )
     own = ms.expose(LIGHT, camera, EXPOSURE, serial=7, frames=2, origin=origin)
     assert given.digital.tobytes() == own.digital.tobytes()
-
-
-@pytest.mark.parametrize("option", one_in(3, [*OPTIONS, *SITES]))
-def test_giving_a_sensor_its_own_maps_changes_nothing(option: str) -> None:
-    camera = TABLE1.replace(**(OPTIONS | SITES)[option])
-    maps = ms.fpn_maps(camera, SHAPE, serial=7)
-    given = ms.expose(LIGHT, camera, EXPOSURE, serial=7, maps=maps)
-    assert (
-        given.digital.tobytes()
-        == ms.expose(LIGHT, camera, EXPOSURE, serial=7).digital.tobytes()
-    )
 
 
 @pytest.mark.parametrize(
@@ -109,17 +85,6 @@ def test_one_given_map_stands_in_for_one_pattern_and_for_no_other(name: str) -> 
     for serial, same in ((7, True), (8, False)):
         given = ms.expose(LIGHT, camera, EXPOSURE, serial=7, maps={name: maps[serial]}).digital
         assert np.array_equal(own, given) == same
-
-
-def test_the_report_of_a_given_map_expects_what_the_map_says() -> None:
-    """Mean and fixed variance of the theory are the map's own: 6000 e- · 1.5, σ 6000·0.1, within 4 standard errors."""
-    gain = 1.5 + 0.1 * np.where(np.indices(SHAPE).sum(axis=0) % 2, 1.0, -1.0)
-    frames = ms.expose(np.full(SHAPE, 10_000.0), TABLE1, EXPOSURE, maps={"prnu": gain})
-    line = next(line for line in frames.report["stages"] if line["name"] == "PRNU")
-    assert line["mean_expected"] == pytest.approx(6000 * gain.mean(), rel=1e-2)
-    error = 4 * line["sigma_spatial_error"]
-    assert line["sigma_spatial_expected"] == pytest.approx(6000 * gain.std(), abs=error)
-    assert line["mean_frame"] == pytest.approx(line["mean_expected"], rel=1e-5)
 
 
 def test_patterns_have_the_shape_of_what_they_belong_to_and_the_whole_sensor_by_default() -> (
@@ -156,47 +121,3 @@ def test_maps_of_the_whole_sensor_are_cut_to_the_window(
     )
     own = ms.expose(LIGHT, camera, EXPOSURE, serial=7, origin=origin)
     assert given.digital.tobytes() == own.digital.tobytes()
-
-
-BAD = {
-    "misspelt": ({"prnv": np.ones(SHAPE)}, r"maps names 'prnv'.*Did you mean 'prnu'"),
-    "of another camera": (
-        {"well_depth": np.ones(SHAPE)},
-        r"maps names 'well_depth'; this camera's maps are prnu, ",
-    ),
-    "wrong shape": (
-        {"prnu": np.ones((12, 16))},
-        r"has shape \(12, 16\); it must be \(12, 17\), or 1",
-    ),
-    "columns for rows": (
-        {"dsnu_row_e": np.ones((1, 17))},
-        r"has shape \(1, 17\); it must be \(12, 1\), or 1",
-    ),
-    "rows for columns": (
-        {"prnu_col": np.ones((12, 1))},
-        r"has shape \(12, 1\); it must be \(1, 17\), or 1",
-    ),
-    "text": ({"prnu": "flat"}, r"maps\['prnu'\] is not numeric"),
-    "a row of nothing": ({"prnu": np.ones(17)}, r"has shape \(17,\)"),
-    "a stack": ({"prnu": np.ones((1, 12, 17))}, r"has shape \(1, 12, 17\)"),
-    "NaN": (
-        {"prnu": np.full(SHAPE, np.nan)},
-        r"maps\['prnu'\] holds NaN, infinite or negative values; correct",
-    ),
-    "infinite": (
-        {"dsnu_col_e": np.full((1, 17), np.inf)},
-        r"maps\['dsnu_col_e'\] holds NaN, infinite",
-    ),
-    "negative gain": (
-        {"dark_fpn": np.full(SHAPE, -0.1)},
-        r"maps\['dark_fpn'\] holds NaN, infinite or negative",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", BAD)
-def test_a_map_that_cannot_be_is_refused_in_one_sentence(case: str) -> None:
-    maps, said = BAD[case]
-    with pytest.raises(ms.InputError, match=said) as caught:
-        ms.expose(LIGHT, TABLE1, EXPOSURE, maps=maps)
-    assert "\n" not in str(caught.value)

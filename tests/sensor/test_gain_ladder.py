@@ -6,20 +6,14 @@ standard errors (6e-7 false alarms a figure), the seeds are fixed.
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.figures import saturation_e
 from mitsuba_sensor.core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
-from mitsuba_sensor.output.exr import write_irradiance_exr
 from mitsuba_sensor.stages.gains import gain_dn_per_e, sense_gain_v_per_e
 
 COLUMNS = [
@@ -72,19 +66,6 @@ def test_gain_read_noise_and_black_level_of_a_setting_are_measured_from_its_fram
     top = ms.expose(np.full((4, 4), 1e6), EVEN, DARK, gain=setting).digital.astype(float).mean()
     filled = given["black_level_dn"] + given["gain_dn_per_e"] * given["full_well_e"]
     assert top == pytest.approx(min(4095, filled), abs=5 * k * given["read_noise_e"])
-
-
-@pytest.mark.parametrize("setting", SETTINGS)
-def test_a_camera_at_a_setting_has_its_numbers_exactly(setting: int | str) -> None:
-    camera, given = CAMERA.at_gain(setting), SETTINGS[setting]
-    assert (camera.gain, camera.name, camera.gains) == (str(setting), CAMERA.name, CAMERA.gains)
-    assert gain_dn_per_e(camera) == pytest.approx(given["gain_dn_per_e"], rel=1e-12)
-    assert camera.source_follower.read_noise_e == given["read_noise_e"]
-    assert camera.adc.black_level_dn == given["black_level_dn"]
-    assert camera.pixel.full_well_e == given["full_well_e"]
-    assert camera.sources["adc.full_scale_v"] == f"gain setting {setting}"
-    assert camera.notes == () and camera.at_gain(setting) is camera is camera.at_gain(None)
-    assert ms.load_camera(camera.to_toml()) == camera
 
 
 def test_the_conversion_gain_is_a_step_in_everything_that_the_sense_node_decides() -> None:
@@ -156,142 +137,3 @@ def test_every_way_to_ask_for_a_setting_is_the_same_frame(engine: str) -> None:
     assert all(np.array_equal(one, iso[0]) for one in iso) and not np.array_equal(
         iso[0], expected
     )
-
-
-def test_read_noise_has_the_shape_of_its_setting() -> None:
-    """Share of pixels beyond 4 σ, of SciPy's Tukey-lambda law; 2 million pixels, 5 standard errors of the count."""
-    shapes = {"100": 0.14, "400": -0.2}
-    rungs = [
-        {"iso": int(iso), "gain_dn_per_e": 20.0, "read_noise_e": 2.0, "read_noise_shape": x}
-        for iso, x in shapes.items()
-    ]
-    tails = {
-        "source_follower.read_noise_distribution": "tukey_lambda",
-        "source_follower.read_noise_shape": 0.0,
-    }
-    camera = EVEN.replace(
-        **{**tails, "adc.black_level_dn": 1000.0, "adc.bits": 14}, gains=rungs
-    )
-    for setting, shape in shapes.items():
-        at = camera.at_gain(setting)
-        assert (at.source_follower.read_noise_shape, at.notes) == (shape, ())
-        dark = ms.expose(np.zeros((1000, 2000)), at, DARK, engine="numpy").digital - 1000.0
-        assert dark.std() == pytest.approx(40, rel=0.01)
-        expected = (
-            2
-            * stats.tukeylambda.sf(160.5 / 40 * stats.tukeylambda.std(shape), shape)
-            * dark.size
-        )
-        assert (np.abs(dark) > 160).sum() == pytest.approx(
-            expected, abs=5 * math.sqrt(expected)
-        )
-
-
-def test_light_is_metered_for_the_setting_and_remembers_it(
-    light: Any, scene_file: Path, tmp_path: Path
-) -> None:
-    """Half the saturation, half the time; the irradiance of a render is exposed again as it was."""
-    times = {
-        one: ms.expose(light, CAMERA, "auto", gain=one).first.exposure.time_s
-        for one in SETTINGS
-    }
-    ends = {one: saturation_e(CAMERA.at_gain(one)) for one in SETTINGS}
-    assert ends[100] == pytest.approx(15_000) and ends[400] == pytest.approx(4095 - 66)
-    for one in SETTINGS:
-        assert times[one] / times[100] == pytest.approx(ends[one] / ends[100], rel=0.01)
-    options: Any = {"spp": 4, "wavelength_nm": 550.0, "variant": "scalar_spectral"}
-    taken = ms.capture(scene_file, CAMERA, ms.Exposure(0.01), gain="hcg 400", **options)
-    assert taken.metadata["camera"]["gain"] == "hcg 400" == taken.frames.camera.gain
-    taken.save(tmp_path / "out")
-    file = str(tmp_path / "out" / "irradiance.exr")
-    np.testing.assert_array_equal(ms.capture(file).frames.digital, taken.frames.digital)
-    again = ms.capture(file, gain=100)
-    assert again.frames.camera == CAMERA.at_gain("hcg 400").at_gain(100)
-    rendered = ms.render(scene_file, CAMERA, ms.Exposure(0.01), gain=100, **options)
-    assert rendered.rendered_for.camera == CAMERA.at_gain(100)
-
-
-REFUSED: dict[str, tuple[Any, str]] = {
-    "unknown": (800, r"'800'; the gain settings of konnik_table1 are 100, 400, hcg 400\."),
-    "no setting": (True, "gain is True; pass an ISO number or the name"),
-    "a list": ([400], r"gain is \[400\]; pass an ISO number"),
-    "NaN": (float("nan"), "gain is 'nan'; the gain settings"),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_a_setting_that_there_is_not_is_one_sentence(name: str) -> None:
-    setting, said = REFUSED[name]
-    for call in (CAMERA.at_gain, lambda x: ms.expose(np.ones((2, 2)), CAMERA, DARK, gain=x)):
-        with pytest.raises(ms.InputError, match=said):
-            call(setting)
-    with pytest.raises(
-        ms.InputError, match=r"has no gain settings; add \[\[gains\]\]|pass an ISO"
-    ):
-        ms.load_camera("bayer_2mp").at_gain(setting)
-
-
-ONE = {"gain_dn_per_e": 1.0, "read_noise_e": 1.0}
-WRONG: dict[str, tuple[list[dict[str, Any]], str]] = {
-    "no name": ([ONE], "needs an iso"),
-    "two names": ([{"iso": 100, "name": "a", **ONE}], "either an iso or a name"),
-    "twice": ([LADDER[0], {**LADDER[2], "name": "100.0"}], "2 gain settings are called '100'"),
-    "half a column": (
-        [LADDER[0], {"iso": 200, **ONE}],
-        "'100' has black_level_dn and '200' has",
-    ),
-    "no gain": ([{"iso": 100, "read_noise_e": 1.0}], "gain_dn_per_e is missing"),
-    "a shape": ([{**LADDER[0], "read_noise_shape": 0.1}], "a normal read noise has none"),
-}
-
-
-@pytest.mark.parametrize("name", WRONG)
-def test_a_ladder_that_cannot_be_is_refused(name: str) -> None:
-    gains, said = WRONG[name]
-    with pytest.raises(ms.InputError, match=said):
-        CAMERA.replace(gains=gains)
-    with pytest.raises(ms.InputError, match=r"take camera\.at_gain\('400'\), or --gain 400"):
-        CAMERA.replace(gain="400")
-
-
-def test_a_camera_that_left_its_setting_says_so() -> None:
-    """Numbers that were changed since, and a setting that is written by hand, are notes; none that is not there."""
-    changed = CAMERA.at_gain(400).replace(
-        **{"adc.bits": 14, "source_follower.read_noise_e": 9.0}
-    )
-    assert [note.split(";")[0] for note in changed.notes] == [
-        "gain is '400', whose gain_dn_per_e is 1, and the camera's is 4",
-        "gain is '400', whose read_noise_e is 4.5, and the camera's is 9",
-    ]
-    assert CAMERA.at_gain(400).replace(gain=None).notes == ()
-    text = CAMERA.to_toml()
-    found = ms.check_camera(text.replace('# gain = "800"', 'gain = "400"'))
-    assert {(one.level, one.field) for one in found} == {("warning", "gain")} and len(
-        found
-    ) == 5
-    (error,) = ms.check_camera(text.replace('# gain = "800"', 'gain = "800"'))
-    assert error.level == "error" and "settings are 100, 400, hcg 400" in error.text
-
-
-def test_the_command_line_takes_settings(
-    light: Any, tmp_path: Path, cli: Callable[..., Any]
-) -> None:
-    """--gain and --iso are one; an unknown setting exits with 2 and writes nothing; `show` lists them."""
-    file, source = tmp_path / "mine.toml", tmp_path / "light.exr"
-    file.write_text(CAMERA.at_gain(100).to_toml(), encoding="utf-8")
-    write_irradiance_exr(source, light)
-    found = []
-    for flag, value in (("--gain", "400"), ("--iso", "400"), ("--gain", "hcg 400")):
-        out = tmp_path / str(len(found))
-        arguments = ["expose", source, "-o", out, "--camera", file, "--exposure-s", 0.001]
-        done = cli(*arguments, flag, value)
-        assert done.exit_code == 0 and f"at gain {value}" in done.stdout, done.stderr
-        found.append(json.loads((out / "frame.json").read_text("utf-8")))
-    assert found[0]["camera"] == found[1]["camera"]
-    assert (found[2]["camera"]["gain"], found[2]["image"]["black_level_dn"]) == ("hcg 400", 80)
-    done = cli("expose", source, "-o", tmp_path / "no", "--camera", file, "--iso", "800")
-    assert done.exit_code == 2 and "settings of konnik_table1 are 100, 400, hcg" in done.stderr
-    assert not (tmp_path / "no").exists()
-    shown = cli("cameras", "show", file).stdout
-    for said in ("gain setting", "100 (set)", "hcg 400", "sense_gain_uv_per_e", "0.25"):
-        assert said in shown

@@ -1,30 +1,26 @@
 """Derivatives of frames: values unchanged; means against frames with equal random bits.
 
 Where the noise does not hide the steps of the converter, and next to the clips, both are compared with the mean and the
-variance that an enumeration of the counts gives (benchmarks/expected_codes.py): both are right at any noise.
+variance that an enumeration of the counts gives (helpers/expected_codes.py): both are right at any noise.
 
 Seeds are fixed. A comparison fails by chance beyond 5 standard errors, 6e-7 of the time; there are about 500.
 """
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers import BENCHMARKS
+from helpers.expected_codes import bare_camera, mean_and_variance, slopes
 from helpers.marks import exhaustive, one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import differentiable
 from mitsuba_sensor.core.drjit_backend import DrJitBackend
 from mitsuba_sensor.core.llvm import backend_problem
-
-sys.path.insert(0, str(BENCHMARKS))
-from expected_codes import bare_camera, mean_and_variance, slopes
 
 problem = backend_problem("llvm")
 pytestmark = pytest.mark.skipif(problem is not None, reason=f"derivatives need LLVM: {problem}")
@@ -402,43 +398,3 @@ def test_strips_of_rows_have_the_derivatives_of_the_whole(
         assert found[name] == pytest.approx(whole[name], rel=1e-5)
     codes = [strip.frame(3).codes for _, strip in frames.strips()]
     assert np.array_equal(np.concatenate(codes), frame.codes)
-
-
-@pytest.mark.parametrize(
-    ("name", "camera", "reason"),
-    [
-        ("pixel.prnoo", {}, "no field of camera or exposure. Did you mean 'pixel.prnu'"),
-        ("adc.bits", {}, "which is 12; only a number that can change by a little"),
-        ("readout.ve_k1_c", {}, "which is None; only a number"),
-        ("lens.f_number", {}, "no number of this chain depends smoothly"),
-        ("dark_current.rts_fraction", {"dark_current.rts_fraction": 0.1}, "no number"),
-        (
-            "adc.gamma",
-            {"adc.gamma": 1.0},
-            "which is 1, where the chain leaves a stage out; choose a value beside it",
-        ),
-        ((), {}, "parameters is empty"),
-    ],
-)
-def test_what_has_no_derivative_is_refused_in_one_sentence(
-    name: Any, camera: dict[str, Any], reason: str
-) -> None:
-    with pytest.raises(ms.InputError, match="(?s)" + reason.replace("(", r"\(")) as error:
-        differentiable(np.ones((4, 4)), RICH.replace(**camera), EXPOSURE, name)
-    assert "\n" not in str(error.value)
-
-
-def test_the_other_refusals() -> None:
-    light = np.ones((4, 4))
-    with pytest.raises(ms.InputError, match="it must be one of drjit, cuda"):
-        differentiable(light, RICH, EXPOSURE, "photons", engine="numpy")  # type: ignore[arg-type]
-    frame = differentiable(light, RICH, EXPOSURE, "photons").frame()
-    with pytest.raises(ms.InputError, match="must be one of the parameters: photons"):
-        frame.forward("pixel.prnu")
-    with pytest.raises(ms.InputError, match="loss has no derivative"):
-        frame.backward(type(frame.digital)(1.0))
-    uv = RICH.replace(**{"quantum_efficiency.quantum_yield": [2.0, 1.0]})
-    with pytest.raises(ms.InputError, match="pass one band"):
-        differentiable(
-            np.ones((4, 4, 2)), uv, EXPOSURE, "photons", wavelengths_nm=[450.0, 500.0]
-        )

@@ -7,7 +7,6 @@ import re
 import numpy as np
 import pytest
 from helpers import ROOT
-from helpers.shipped import ONE_READOUT
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.theory.dynamic_range import hdr_figures
@@ -19,10 +18,6 @@ FILES = {
 }
 
 
-def test_every_shipped_camera_with_readouts_is_in_this_list() -> None:
-    assert FILES.keys() == set(ms.list_cameras()) - set(ONE_READOUT)
-
-
 @pytest.mark.parametrize("name", FILES)
 def test_a_camera_file_is_right(name: str) -> None:
     camera, (gain, bits) = ms.load_camera(name), FILES[name]
@@ -30,31 +25,6 @@ def test_a_camera_file_is_right(name: str) -> None:
     assert camera.code_bits == bits
     first = next(iter(camera.readout_cameras.values()))
     assert first.system_gain_dn_per_e == pytest.approx(gain)
-
-
-def rows(name: str) -> list[str]:
-    """Lines of the table in docs/published-cameras.md, the camera's name in the first."""
-    camera, lines = ms.load_camera(name), list[str]()
-    for readout in camera.readouts:
-        one = camera.readout_cameras[readout.name]
-        noise_e, well_e = one.source_follower.read_noise_e, one.pixel.full_well_e
-        numbers = f"{one.system_gain_dn_per_e:.4g} | {noise_e:.4g} | {well_e:.6g}"
-        called = "" if lines else f"`{name}`"
-        bits = "" if lines else str(camera.code_bits)
-        lines.append(
-            f"| {called} | {readout.name} | {readout.of} | {readout.sensitivity:g} | {numbers} | {bits} |"
-        )
-    return lines
-
-
-def test_the_page_of_published_cameras_has_their_readouts() -> None:
-    head = "| camera | read-out | of | sensitivity | K [DN/e-] | read noise [e-] | full well [e-] | combined bits |"
-    lines = [head, "|---|---|---|---|---|---|---|---|"]
-    for name in FILES:
-        lines += rows(name)
-    table = "\n".join(lines)
-    page = (ROOT / "docs" / "published-cameras.md").read_text(encoding="utf-8")
-    assert table in page, f"\n{table}"
 
 
 def test_the_snippets_of_the_page_can_be_pasted() -> None:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import gc
-import tracemalloc
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,37 +45,6 @@ def test_calls_in_random_order_have_the_bytes_of_a_stream_which_keeps_nothing(
         assert np.array_equal(frames.digital[0], streamed), (call, camera.name, options)
 
 
-def kept_mib(calls: Iterable[tuple[ms.Camera, int, int]]) -> float:
-    """Memory that stays in use after calls of these cameras, serial numbers and widths [MiB]."""
-    gc.collect()
-    tracemalloc.start()
-    try:
-        for camera, serial, width in calls:
-            ms.expose(light(1, (512, width)), camera, EXPOSURE, serial=serial, engine="numpy")
-        gc.collect()
-        return tracemalloc.get_traced_memory()[0] / 2**20
-    finally:
-        tracemalloc.stop()
-
-
-def test_maps_take_memory_from_the_second_call_on_and_are_found_by_the_values_of_a_camera() -> (
-    None
-):
-    """Table 1 has a map of gains and one of dark current, of 4 bytes a pixel, and offsets of columns."""
-    names = [f"once {number}" for number in range(3)]
-    once = [(TABLE_1.replace(name=name), 1, 512) for name in names]
-    assert kept_mib(once) < 0.5
-    again = [(TABLE_1.replace(name=name), 1, 512) for name in names]
-    assert kept_mib(again) == pytest.approx(3 * 2 * 512 * 512 * 4 / 2**20, abs=0.5)
-
-
-def test_maps_of_the_last_sixteen_windows_are_held_and_no_more() -> None:
-    set_mib = 2 * 512 * 128 * 4 / 2**20
-    many = [(TABLE_1, serial, 128) for serial in range(100, 120) for _ in range(2)]
-    kept = kept_mib(many)
-    assert 15 * set_mib < kept < 16 * set_mib + 1
-
-
 def test_a_plan_that_leaves_a_coupling_stage_out_and_the_whole_chain_share_no_strips() -> None:
     """Blooming reaches over the ends of strips, which have no rows around them without it."""
     camera = TABLE_1.replace(**{"pixel.blooming": 0.5})
@@ -117,12 +83,3 @@ def test_a_stage_of_ones_own_may_change_between_two_calls() -> None:
     stage.offset_v = 0.01
     after = ms.expose(light(1), camera, EXPOSURE, engine="numpy").digital.mean()
     assert after > before + 1
-
-
-def test_given_maps_are_those_of_their_call() -> None:
-    photons = np.full((12, 16), 1000.0)
-    for factor in (1.0, 1.5, 1.0):
-        maps = {"prnu": np.full((12, 16), factor)}
-        frames = ms.expose(photons, TABLE_1, EXPOSURE, engine="numpy", maps=maps)
-        (streamed,) = ms.stream(photons, TABLE_1, EXPOSURE, engine="numpy", maps=maps)
-        assert np.array_equal(frames.digital[0], streamed)

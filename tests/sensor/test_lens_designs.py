@@ -23,7 +23,6 @@ from mitsuba_sensor.optics.ray_trace import (
     F_NM,
     Glass,
     Ray,
-    glass_behind,
     lens_surfaces,
 )
 from mitsuba_sensor.optics.traced_lens import cardinal_points
@@ -119,18 +118,6 @@ def test_a_design_has_the_focal_length_pupils_and_rays_that_optiland_finds(
         assert found.unvignetted.all()
 
 
-def test_a_design_in_another_unit_is_the_same_lens(tmp_path: Path) -> None:
-    """Inches: 25.4 times the focal length, and an aspheric term of the same shape."""
-    inches = written(tmp_path, "inch.zmx", ZMX.replace("UNIT MM", "UNIT IN"))
-    millimetres = written(tmp_path, "mm.zmx", ZMX)
-    large, small = (lens(path) for path in (inches, millimetres))
-    focal = [cardinal_points(section).focal_length for section in (large, small)]
-    assert focal[0] == pytest.approx(25.4 * focal[1], rel=1e-12)
-    assert large.prescription is not None and small.prescription is not None
-    terms = [p.surfaces[4].aspheric for p in (large.prescription, small.prescription)]
-    assert terms[0][0] == pytest.approx(terms[1][0] / 25.4**3, rel=1e-12)
-
-
 @pytest.mark.parametrize(
     ("name", "index", "abbe"),
     [
@@ -157,23 +144,6 @@ def test_a_glass_has_the_numbers_of_its_data_sheet(
         lines = (Glass(glass.sellmeier).index(nm) for nm in (D_NM, F_NM, C_NM))
         d, blue, red = (float(n) for n in lines)
         assert (d, (d - 1) / (blue - red)) == pytest.approx((glass.index, glass.abbe))
-
-
-@pytest.mark.parametrize(
-    ("line", "index", "left_out"),
-    [
-        ("F2 2 1 1.5 40.0", 1.62004, ""),  # picked up from another surface
-        ("___BLANK 2 1 1.7 30.0", 1.7, ""),
-        ("XYZ 0 0 1.7 30.0", 1.7, "the unknown name XYZ beside its numbers (surface 4)"),
-    ],
-)
-def test_the_name_of_a_glass_wins_over_numbers_beside_it(
-    tmp_path: Path, line: str, index: float, left_out: str
-) -> None:
-    text = ZMX.replace("F2 0 0 1.5 40.0", line)
-    prescription = lens(written(tmp_path, "a.zmx", text)).prescription
-    assert prescription is not None and prescription.left_out == left_out
-    assert glass_behind(prescription.surfaces[2]).index() == pytest.approx(index, abs=2e-5)
 
 
 def test_without_the_catalogue_a_sentence_names_the_command(
@@ -206,22 +176,6 @@ def test_a_circular_aperture_is_read(
     assert prescription is not None
     section = prescription.surfaces[surface]
     assert (section.semi_diameter_mm, section.obscuration_mm) == (semi_diameter, obscuration)
-
-
-def test_commands_that_are_not_read_are_listed_in_one_note(tmp_path: Path) -> None:
-    """But for those that change nothing, and those below the image."""
-    text = ZMX.replace("DIAM 9.5", "DIAM 9.5\n  COAT AR\n  HIDE 0 1\n  POPS 0") + "  XYZW 1\n"
-    camera = ms.load_camera("konnik_table1").replace(
-        **{"lens.prescription": str(written(tmp_path, "a.zmx", text))}
-    )
-    (note,) = (note for note in camera.notes if note.startswith("lens.prescription"))
-    assert "left COAT (surface 2, 3) out of the Zemax design a;" in note
-    many = "".join(f"\n  X{number} 1" for number in range(300))
-    prescription = lens(
-        written(tmp_path, "a.zmx", ZMX.replace("DIAM 9.5", f"DIAM 9.5{many}"))
-    ).prescription
-    assert prescription is not None
-    assert prescription.left_out.endswith("X9 (surface 2, 3); 290 more commands")
 
 
 WRONG = {  # a piece of the design → what stands there instead, and what is said

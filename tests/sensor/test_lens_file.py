@@ -10,7 +10,6 @@ import pytest
 from helpers.lens_oracle import DOUBLE_GAUSS
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.lens_file import list_lenses
 
 CAMERA = ms.load_camera("konnik_table1")
 TABLE = "\n".join(f"{r}\t{t}\t{0 if r == 0 else n}\t{d}" for r, t, n, d in DOUBLE_GAUSS)
@@ -31,11 +30,6 @@ def test_the_shipped_double_gauss_is_the_published_table() -> None:
         (s.radius_mm or 0, s.thickness_mm, s.index, 2 * s.semi_diameter_mm) for s in found
     ] == list(DOUBLE_GAUSS)
     assert [s.stop for s in found].index(True) == 5
-
-
-@pytest.mark.parametrize("name", list_lenses())
-def test_every_shipped_lens_names_its_source(name: str) -> None:
-    assert len(with_lens(prescription=name, f_number=8.0).lens.prescription.source) > 40
 
 
 @pytest.mark.parametrize(
@@ -152,34 +146,3 @@ def test_a_wrong_lens_file_is_one_sentence(name: str, tmp_path: Path) -> None:
         and message.startswith("konnik_table1: lens.prescription")
         and "\n" not in message
     )
-
-
-CURVE = {"transmission_curve": [0.5, 1.0], "transmission_wavelengths_nm": [400, 700]}
-FALL_OFF = {"relative_illumination": [1, 0.5], "relative_illumination_heights_mm": [0, 9]}
-PERCENT = {"distortion_percent": [0.0, 1.0], "distortion_heights_mm": [0.0, 2.0]}
-BROWN, GAUSS = {"distortion": [0.1, 0, 0, 0, 0]}, {"prescription": "double_gauss"}
-HOLE = {
-    "name": "hole",
-    "surfaces": [{"semi_diameter_mm": 1, "stop": True}, {"semi_diameter_mm": 1}],
-}
-CONTRADICTIONS: list[tuple[dict[str, Any], str]] = [
-    ({"transmission_curve": [0.5, 1.0]}, "go together; one is missing"),
-    ({**CURVE, "transmission_curve": [0.5, 1.0, 1.0]}, "has 3 values for 2"),
-    ({**CURVE, "transmission_wavelengths_nm": [700, 400]}, "must increase"),
-    ({**FALL_OFF, "relative_illumination": [0.9, 0.5]}, "must start with 1 at the height 0"),
-    ({**PERCENT, "distortion_heights_mm": [1.0, 2.0]}, "must start with 0 at the height 0"),
-    ({**BROWN, **PERCENT}, "either distortion or distortion_percent"),
-    ({"focus_m": 2.0}, "focus_m belongs to a prescription"),
-    ({**GAUSS, **BROWN}, "has its own distortion, which is traced"),
-    ({**GAUSS, **FALL_OFF}, "has its own relative_illumination"),
-    ({"dispersion": True, "prescription": HOLE}, "needs glasses with abbe or sellmeier"),
-]
-
-
-@pytest.mark.parametrize(("fields", "says"), CONTRADICTIONS)
-def test_fields_that_contradict_each_other_are_refused(
-    fields: dict[str, Any], says: str
-) -> None:
-    with pytest.raises(ms.InputError, match=says) as caught:
-        with_lens(**fields)
-    assert "\n" not in str(caught.value)

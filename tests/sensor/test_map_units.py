@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -86,57 +84,3 @@ def test_read_noise_in_dn_is_the_noise_of_the_frames() -> None:
     variance = frames.digital.var(axis=0, ddof=1)
     for rows, sigma in ((slice(0, 12), 0.8), (slice(12, 24), 2.0)):
         assert variance[rows].mean() == pytest.approx(sigma**2 + 1 / 12, rel=0.02)
-
-
-def test_a_file_of_maps_in_dn_serves_the_commands(
-    tmp_path: Path, cli: Callable[..., Any], light_file: Path
-) -> None:
-    values = np.random.default_rng(4).normal(0.0, 3.0, (12, 16))
-    np.savez(tmp_path / "maps.npz", dsnu_pixel_dn=values)
-    flags = ("--exposure-s", 0, "--clean", "--set", "adc.black_level_dn=60")
-    flags += ("--set", "readout.dsnu_col=0", "--fpn-maps", tmp_path / "maps.npz")
-    done = cli("expose", light_file, "-o", tmp_path / "out", *flags)
-    assert done.exit_code == 0, done.stderr
-    import tifffile
-
-    clean = tifffile.imread(tmp_path / "out" / "clean.tiff")
-    np.testing.assert_allclose(np.squeeze(clean), 60 + values, atol=1e-3)
-
-
-def test_plans_and_derivatives_take_the_same_maps() -> None:
-    maps = {"dsnu_pixel_dn": random_map("dsnu_pixel")}
-    light = np.full(SHAPE, 1e4)
-    plan = ms.plan(CAMERA, DARK, light, 0.01, maps=maps)
-    ms.expose(light, CAMERA, DARK, plan=plan, maps=maps)
-    with pytest.raises(ms.InputError, match="other measured maps"):
-        ms.expose(light, CAMERA, DARK, plan=plan)
-
-
-REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
-    "no unit": ({}, {"dsnu_pixel": 0.0}, "Did you mean 'dsnu_pixel_e'"),
-    "a unit of none": ({}, {"prnu_dn": 1.0}, "this camera's maps are prnu, .*dsnu_pixel_dn"),
-    "both": (
-        {},
-        {"dsnu_pixel_e": 0.0, "dsnu_pixel_dn": 0.0},
-        "dsnu_pixel_dn', and dsnu_pixel_e too; give one of both",
-    ),
-    "nothing left": (
-        {"readout.dsnu_residual": 0.0},
-        {"dsnu_col_dn": 0.0},
-        "dsnu_residual is 0: no offset is left",
-    ),
-    "nan": ({}, {"dsnu_pixel_dn": np.nan}, r"maps\['dsnu_pixel_dn'\] holds NaN"),
-    "negative noise": (
-        {"source_follower.read_noise_cv": 0.3},
-        {"read_noise_dn": -1.0},
-        "negative",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_maps_without_a_clear_unit_are_refused(case: str) -> None:
-    changes, values, said = REFUSED[case]
-    maps = {name: np.full((1, 1), value) for name, value in values.items()}
-    with pytest.raises(ms.InputError, match=said):
-        ms.expose(np.zeros(SHAPE), CAMERA.replace(**changes), DARK, maps=maps)

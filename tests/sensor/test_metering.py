@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -163,71 +161,3 @@ def test_where_the_exposure_decides_what_is_rendered_a_short_render_is_metered_f
     still = ms.capture(path, CAMERA, "auto", **SMALL).metadata["exposure"]["time_s"]
     found = ms.capture(path, CAMERA, "auto", **{**SMALL, **more})
     assert found.metadata["exposure"]["time_s"] == pytest.approx(still, rel=0.05)
-
-
-def test_a_white_picture_is_told_the_time_that_metering_finds(tmp_path: Path) -> None:
-    path = write_scene(tmp_path, scene_text(SKY))
-    metered_s = ms.capture(path, CAMERA, **SMALL).frames.first.exposure.time_s
-    white = ms.capture(path, CAMERA, ms.Exposure(10.0), **SMALL)
-    way_out = f"{metered_s:g} s is metered (--exposure-s {metered_s:g})"
-    assert f"100% of the pixels are saturated at 10 s; {way_out}" in white.frames.notes
-
-
-def test_the_percentile_and_share_asked_for_are_those_of_the_picture(
-    tmp_path: Path, cli: Callable[..., Any]
-) -> None:
-    """Of command line, scene file and Python alike; --meter overrules a time in the scene file."""
-    timed = scene_text('<default name="exposure_s" value="0.02"/>', SKY)
-    film = photosensor('<string name="meter" value="20:0.3"/>')
-    options = ("--spp", 16, "--wavelength-nm", 550, "--variant", "scalar_spectral", "--json")
-    found = []
-    for text, more in ((film, ()), (timed, ("--meter", "20:0.3"))):
-        path = write_scene(tmp_path, text)
-        done = cli("render", path, "-o", tmp_path / "out", *options, *more)
-        found.append(json.loads(done.stdout)["origin"]["metering"])
-    light = ms.render(path, CAMERA, ms.Metering(percentile=20, share=0.3), **SMALL)
-    assert found[0] == found[1] == light.statistics.metering
-    time_s = found[0]["exposure_s"]
-    level = electrons(light, CAMERA, ms.Exposure(time_s))
-    assert np.percentile(level, 20) == pytest.approx(0.3 * saturation_e(CAMERA), rel=0.01)
-    again = cli(
-        "expose",
-        tmp_path / "out" / "irradiance.exr",
-        "-o",
-        tmp_path / "b",
-        "--meter",
-        "20:0.15",
-        "--json",
-    )
-    assert json.loads(again.stdout)["exposure"]["time_s"] == pytest.approx(time_s / 2, rel=0.01)
-
-
-@pytest.mark.parametrize(
-    ("flags", "film", "says"),
-    [
-        (("--meter", "95"), "", "meter is '95'; give PERCENTILE:SHARE"),
-        (("--meter", "95:0.7:1"), "", "e.g. 95:0.7"),
-        (("--meter", "101:0.7"), "", "percentile"),
-        (("--meter", "95:70"), "", "share"),
-        (("--meter", "0.95:0.7"), "", "percentile is 0.95; it must be from 1 to 100"),
-        (("--meter", "nan:0.7"), "", "percentile"),
-        (
-            ("--meter", "95:0.7", "--exposure-s", "0.1"),
-            "",
-            "--exposure-s 0.1 gives the time that --meter 95:0.7",
-        ),
-        ((), '<string name="meter" value="soon"/>', "meter is 'soon'"),
-        (
-            (),
-            '<string name="meter" value="95:0.7"/><float name="exposure_s" value="0.1"/>',
-            "leave one of them out",
-        ),
-        ((), '<float name="meter" value="95"/>', "meter is 95.0"),
-    ],
-)
-def test_a_metering_that_cannot_be_is_refused(
-    tmp_path: Path, cli: Callable[..., Any], flags: tuple[str, ...], film: str, says: str
-) -> None:
-    path = write_scene(tmp_path, photosensor(film))
-    done = cli("render", path, "-o", tmp_path / "out", "--variant", "scalar_spectral", *flags)
-    assert done.exit_code == 2 and says in done.stderr and not (tmp_path / "out").exists()

@@ -160,28 +160,6 @@ def test_pixels_that_are_clipped_do_not_count_and_the_budget_says_how_many() -> 
     assert [row.source for row in full.rows] == ["total"]
 
 
-def test_a_knee_takes_noise_away_and_the_budget_says_so() -> None:
-    camera = TABLE1.replace(**{"pixel.full_well_knee_e": 2000.0, "adc.full_scale_v": 0.25})
-    budget = frames_of(camera, 52_000.0).noise_budget()
-    assert "soft full well" in [row.source for row in budget.rows if row.takes_noise]
-    assert "below zero: the source takes away noise" in " ".join(budget.explain().split())
-
-
-def test_the_table_has_sigma_its_standard_error_share_and_total() -> None:
-    frames = frames_of(TABLE1)
-    budget = frames.noise_budget()
-    text = budget.explain()
-    assert "without effect here:" in text and "%" in text.splitlines()[0]
-    for row in budget.rows:
-        line = next(x for x in text.splitlines() if x.startswith(f"{row.source} "))
-        for cell, variance in zip(line.split()[-3:-1], row[2:4], strict=True):
-            if "±" in cell:
-                sigma, error = map(float, cell.split("±"))
-                assert sigma**2 == pytest.approx(variance, rel=2e-3) and 0 < error < sigma
-    shown = next(x for x in text.splitlines() if x.startswith("photon shot noise"))
-    assert "±" in shown and "<" in shown  # its spatial σ is not seen
-
-
 def test_a_budget_is_that_of_its_frames_and_of_each_readout() -> None:
     later = frames_of(TABLE1, first_frame=3)
     assert later.noise_budget().change_of("source follower noise").shape == SHAPE

@@ -10,9 +10,6 @@ import pytest
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera import Camera
 from mitsuba_sensor.camera.datasheet_errors import (
-    MEANT,
-    ONE_OVER,
-    TERMS,
     did_you_mean,
     fields_of,
 )
@@ -71,42 +68,6 @@ def test_k_alone_makes_the_frames_that_volts_make(sense_uv: float) -> None:
     assert of_k.emva1288().saturation_e == pytest.approx(of_volts.emva1288().saturation_e)
 
 
-def said(data: dict[str, Any]) -> str:
-    return "\n".join(str(one) for one in ms.check_camera(data))
-
-
-REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "both gains": (
-        changed(adc={"bits": 12, "full_scale_v": 1.0}),
-        "give either readout.gain_dn_per_e or adc.full_scale_v, and not both",
-    ),
-    "no gain": (
-        changed(readout={"reset": "true_cds"}),
-        "the gain is missing; give gain_dn_per_e, the overall system gain K [DN/e-]",
-    ),
-    "kTC noise of unknown volts": (
-        changed(readout={"gain_dn_per_e": 0.1225, "reset": "hard"}),
-        "add readout.sense_gain_uv_per_e, e.g. 50",
-    ),
-    "densities of unknown volts": (
-        changed(source_follower={"white_nv_per_rthz": 15.0}),
-        "source_follower.white_nv_per_rthz is a voltage",
-    ),
-    "a curve of unknown volts": (
-        changed(readout={"gain_dn_per_e": 0.1225, "reset": "true_cds", "ve_nonlinearity": 0.5}),
-        "add sense_gain_uv_per_e, e.g. 50",
-    ),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_sentences_say_what_is_missing_or_given_twice(name: str) -> None:
-    data, sentence = REFUSED[name]
-    text = said(data)
-    assert sentence in text
-    assert ("not both" in text) == name.startswith("both")
-
-
 def test_one_gain_takes_the_place_of_the_other() -> None:
     camera = ms.load_camera("sony_imx174").replace(**{"readout.gain_dn_per_e": 0.2})
     assert camera.system_gain_dn_per_e == 0.2 and camera.adc.full_scale_v is None
@@ -147,23 +108,3 @@ def test_words_of_the_field_lead_to_the_key(written: str, meant: str) -> None:
     assert did_you_mean(written, fields_of(Camera)) == f" Did you mean {meant!r}?"
     with pytest.raises(ms.InputError, match=rf"Did you mean '{meant}'"):
         ms.load_camera(TABLES).replace(**{written: 1.0})
-
-
-def test_electrons_per_dn_are_one_over_the_gain() -> None:
-    for term in ONE_OVER:
-        assert "which is one over the electrons per DN" in did_you_mean(term, fields_of(Camera))
-
-
-def test_every_word_means_one_key_that_there_is() -> None:
-    assert set(TERMS) <= set(fields_of(Camera))
-    terms = [term for text in TERMS.values() for term in text.split()]
-    assert len(terms) == len(set(terms)) and not set(terms) & ONE_OVER
-    assert not set(MEANT) & {name for name in fields_of(Camera) if "." in name}
-
-
-def test_a_number_where_a_table_or_a_text_is_leads_to_the_key() -> None:
-    assert "Did you mean 'dark_current.rate_e_per_s'" in said(TABLES | {"dark_current": 5.0})
-    assert "Did you mean 'quantum_efficiency.value'" in said(
-        TABLES | {"quantum_efficiency": 0.6}
-    )
-    assert "Did you mean 'readout.gain_dn_per_e'" in said(TABLES | {"gain": 0.12})

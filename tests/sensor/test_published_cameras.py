@@ -6,16 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import ROOT
 from helpers.marks import one_in
-from helpers.shipped import ONE_READOUT
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.datasheet_errors import fields_of
 from mitsuba_sensor.camera.figures import saturation_e
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.dark_noise import dark_noise
-from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 PUBLISHED = {  # K [DN/e-] and read noise [e-] as published; where, says [sources] of each camera
     "andor_marana_4_2b_11": (1 / 0.8008, 1.0763),
@@ -61,15 +58,8 @@ LADDERS["sony_a7s2"] = {
 }
 STEP = "1600", "2000"
 """Gain settings between which the α7S II changes its conversion gain."""
-NOT_REAL = {"konnik_table1", "bayer_2mp", "rgbir_2mp"}
-"""A sensor of a paper, and two plausible cameras."""
 SHAPE = (500, 1000)
 """250 000 or more pixels of one colour: 5 standard errors are 0.7 % of σ and 1.4 % of K."""
-
-
-def test_every_shipped_camera_is_in_this_list_or_not_real() -> None:
-    """Those with several read-outs are in test_hdr_files.py."""
-    assert set(ONE_READOUT) == PUBLISHED.keys() | NOT_REAL and len(PUBLISHED) >= 8
 
 
 @pytest.mark.parametrize("name", one_in(3, [name for name in PUBLISHED if name not in EMCCDS]))
@@ -111,15 +101,6 @@ def stack(camera: ms.Camera, share: float) -> Stack:
     return Stack(of_green, 0.0, photons, bits=camera.adc.bits)
 
 
-def test_every_shipped_ladder_is_in_this_list() -> None:
-    found = {
-        name: [one.label for one in ms.load_camera(name).gains] for name in ms.list_cameras()
-    }
-    assert {name: labels for name, labels in found.items() if labels} == {
-        x: list(y) for x, y in LADDERS.items()
-    }
-
-
 @pytest.mark.parametrize("name", one_in(3, LADDERS))
 def test_temporal_dark_noise_at_every_setting_is_the_published_one(name: str) -> None:
     """80 000 pixels show σ to 0.25 %. At the step of the α7S II it falls from 4.17 to 1.40 e-."""
@@ -155,51 +136,3 @@ def test_a_published_camera_has_no_warnings_and_a_source_for_every_number(name: 
             and value != info.default
         ):
             assert dotted in camera.sources, dotted
-
-
-def row(name: str) -> str:
-    """A line of the table in docs/published-cameras.md."""
-    camera = ms.load_camera(name)
-    gain = "readout.gain_dn_per_e"
-    if gain not in camera.sources:
-        gain = "adc.full_scale_v"
-    where, noise = camera.sources[gain].partition(": ")[0], camera.source_follower.read_noise_e
-    numbers = f"{gain_dn_per_e(camera):.4g} | {noise:.4g} | {camera.pixel.full_well_e:.6g} | {camera.adc.bits}"
-    return f"| `{name}` | {camera.description} | {numbers} | {where} |"
-
-
-def test_the_page_of_published_cameras_has_their_numbers() -> None:
-    """The table of docs/published-cameras.md is made of the camera files; this prints it when it is not."""
-    head = (
-        "| camera | what it is | K [DN/e-] | read noise [e-] | full well [e-] | bits | K from |"
-    )
-    head += "\n|---|---|---|---|---|---|---|"
-    table = "\n".join((head, *map(row, sorted(PUBLISHED))))
-    assert_on_page(table)
-
-
-def settings(name: str) -> list[str]:
-    """Lines of the table of gain settings, the camera's name in the first."""
-    lines = []
-    for one in ms.load_camera(name).gains:
-        rest = (one.row_noise_e, one.read_noise_shape, one.black_level_dn)
-        more = " | ".join("–" if x is None else f"{x:.4g}" for x in rest)
-        label = f"ISO {one.label}" if one.iso else one.label
-        lines.append(
-            f"| {'' if lines else f'`{name}`'} | {label} | {one.gain_dn_per_e:.4g} | {one.read_noise_e:.4g} | {more} |"
-        )
-    return lines
-
-
-def test_the_page_of_published_cameras_has_their_gain_settings() -> None:
-    head = "| camera | gain setting | K [DN/e-] | read noise [e-] | row noise [e-] | λ | black level [DN] |"
-    head += "\n|---|---|---|---|---|---|---|"
-    assert_on_page(
-        "\n".join((head, *(line for name in sorted(LADDERS) for line in settings(name))))
-    )
-
-
-def assert_on_page(table: str) -> None:
-    """Prints the table where the page has another one."""
-    page = (ROOT / "docs" / "published-cameras.md").read_text(encoding="utf-8")
-    assert table in page, f"\n{table}"

@@ -50,20 +50,6 @@ def codes_by_light(camera: ms.Camera, levels: np.ndarray, pixels: int = 256) -> 
     return (x.mean(axis=0, dtype=float) for x in (frames.clean, frames.temporal_variance))
 
 
-@pytest.mark.parametrize(
-    "fields",
-    [
-        {"pixel.hits_per_cm2_s": 1.0},
-        {"readout.em_gain": 30.0, "readout.em_stages": 500},
-    ],
-)
-def test_what_the_theory_of_a_combination_does_not_know_is_refused(
-    fields: dict[str, float],
-) -> None:
-    with pytest.raises(ms.InputError, match="neither radiation hits nor electron"):
-        dual_gain(**fields)
-
-
 @pytest.mark.parametrize("level_e", [20_000.0, 33_000.0, 60_000.0])
 def test_theory_has_the_noise_of_frames_where_the_gains_are_saturated(level_e: float) -> None:
     """The high gain at its largest code, then the full well too: σ within 1 %, where the low gain alone shows."""
@@ -189,81 +175,6 @@ def test_files_hold_every_readout_and_their_combination(tmp_path: Path) -> None:
     assert not (tmp_path / "readouts.tiff").exists()
 
 
-@pytest.mark.parametrize(
-    ("readouts", "said"),
-    [
-        ([{"name": "high"}], "2 to 8"),
-        ([{"name": "a"}, {"name": "a"}], "another name"),
-        ([{"name": "a", "exposure_ratio": 0.5}, {"name": "b"}], "charge of its own"),
-        ([{"name": "a b"}, {"name": "b"}], r"readouts\.0\.name is 'a b'; it must match"),
-        ([{"name": "a"}, {"name": "b", "gap_us": 3}], "gap_us belongs to .* 'exposure'"),
-        ([{"name": "a", "of": "exposure"}, {"name": "b"}], "first of readouts"),
-        ([{"name": "low", "fields": LOW}, {"name": "high", "fields": HIGH}], "most sensitive"),
-        ([{"name": "a"}, {"name": "b", "fields": {"sensor.rows": 5}}], "sensor.rows"),
-        ([{"name": "a"}, {"name": "b", "fields": {"adc.bits": 99}}], "adc.bits"),
-        ([{"name": "a"}, {"name": "b", "fields": {"adc.bit": 10}}], "adc.bit "),
-    ],
-)
-def test_readouts_that_do_not_fit_are_refused(
-    readouts: list[dict[str, Any]], said: str
-) -> None:
-    with pytest.raises(ms.InputError, match=said):
-        PLAIN.replace(readouts=readouts)
-
-
-def test_what_there_is_of_one_readout_only_is_refused() -> None:
-    camera, light = dual_gain(), electrons(100.0, (24, 24))
-    frames = ms.expose(light, camera, SHORT)
-    refused = (
-        lambda: camera.emva1288(),
-        lambda: ms.plan(camera, SHORT, light, maps={"prnu": np.ones((24, 24))}),
-        lambda: ms.fpn_maps(camera, (8, 8)),
-        lambda: ms.expose(light, camera, SHORT, keep=["electrons"]),
-        lambda: ms.expose(light, camera, SHORT, maps={"prnu": np.ones((24, 24))}),
-        lambda: ms.differentiable(light, camera, SHORT, ("photons",)),
-        lambda: frames.noise_budget(),
-        lambda: camera.at_readout("middle"),
-        lambda: frames.save_dng("frame.dng"),
-    )
-    for call in refused:
-        with pytest.raises(ms.InputError):
-            call()
-    assert frames.readouts["high"].noise_budget().entries
-    with pytest.raises(ms.InputError, match="Did you mean 'low'"):
-        _ = frames.readouts["lo"]
-    assert camera.at_readout("low").emva1288().saturation_e > 30_000
-
-
-def test_a_combination_that_ends_early_or_hands_over_late_is_told() -> None:
-    assert not dual_gain().notes
-    assert "linear code ends" in dual_gain(**{"combine.bits": 12}).notes[0]
-    with pytest.raises(ms.InputError, match="linear code of darkness"):
-        dual_gain(**{"combine.bits": 6})
-    assert "hand_over" in dual_gain(**{"combine.hand_over": [1.0]}).notes[0]
-
-
-@pytest.mark.parametrize(
-    ("of_high", "bits", "said"),
-    [
-        (
-            {"pixel.full_well_e": 1300.0, "source_follower.read_noise_e": 60.0},
-            20,
-            r"'high' is full at .* DN, hands over at .* must be 5 times",
-        ),
-        ({}, 7, "'low' is 13.33 linear codes, and 7 bits end at 127"),
-    ],
-)
-def test_combinations_whose_closed_form_would_be_wrong_by_tens_of_codes_are_refused(
-    of_high: dict[str, float], bits: int, said: str
-) -> None:
-    """Noise about the hand-over of a full pixel; a code of the low gain that is a tenth of all linear codes."""
-    high = {**HIGH, **of_high, "adc.black_level_dn": 10}
-    low = {**LOW, "adc.black_level_dn": 10, "pixel.full_well_e": 32_000.0}
-    readouts = [{"name": "high", "fields": high}, {"name": "low", "fields": low}]
-    with pytest.raises(ms.InputError, match=said):
-        PLAIN.replace(**{"readouts": readouts, "combine.bits": bits})
-
-
 def test_a_plan_leaves_out_stages_of_each_readout_within_the_tolerance() -> None:
     """In steps of the linear code; nothing at all changes with a tolerance of 0."""
     camera = dual_gain(**{"pixel.prnu": 0.002})
@@ -281,13 +192,3 @@ def test_a_plan_leaves_out_stages_of_each_readout_within_the_tolerance() -> None
     assert np.array_equal(planned.readouts["high"].digital.shape, frames.digital.shape)
     with pytest.raises(ms.InputError, match="plan was made for"):
         ms.expose(light, camera, ms.Exposure(0.02), plan=plan)
-
-
-def test_frame_json_says_what_each_readout_is_without(tmp_path: Path) -> None:
-    light = ms.render("flat_field", dual_gain(), SHORT, width=8, spp=4, denoise=False)
-    captured = ms.capture(light, tolerance_dn=1.0)
-    assert captured.metadata["left_out"] == captured.frames.plan.left_out
-    stages = [one["stage"] for one in captured.metadata["effects"]]
-    assert {stage.partition(": ")[0] for stage in stages} == {"high", "low"}
-    captured.save(tmp_path)
-    assert json.loads((tmp_path / "frame.json").read_text())["effects"]

@@ -11,7 +11,6 @@ from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import backend_problem
-from mitsuba_sensor.core.sensor_window import SensorWindow
 
 EXPOSURE = ms.Exposure(0.1)
 CAMERAS = {
@@ -95,31 +94,6 @@ def test_two_calls_with_the_same_light_have_other_noise(engine: str) -> None:
     )
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_maps_are_made_once_and_forgotten_when_that_is_asked_for(
-    engine: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made: list[str] = []
-    original = SensorWindow.fixed_map
-
-    def fixed_map(self: Any, source: str, distribution: Any) -> Any:
-        if (source, distribution) not in self.cached_values:
-            made.append(source)
-        return original(self, source, distribution)
-
-    monkeypatch.setattr(SensorWindow, "fixed_map", fixed_map)
-    sensor = ms.Sensor(CAMERAS["table 1"])
-    sensor.expose(light(1), EXPOSURE, engine=engine)
-    first = len(made)
-    assert first and sensor.bytes > 0 and "MiB" in repr(sensor)
-    sensor.expose(light(2), EXPOSURE, engine=engine)
-    assert len(made) == first
-    sensor.clear()
-    assert sensor.bytes == 0
-    sensor.expose(light(3), EXPOSURE, engine=engine)
-    assert len(made) == 2 * first
-
-
 def test_memory_is_bounded_and_the_window_used_last_stays() -> None:
     sensor = ms.Sensor(CAMERAS["table 1"], most_bytes=100_000)
     for size in (100, 110, 120, 130):
@@ -171,23 +145,6 @@ def test_light_that_the_kernel_detects_is_that_of_a_stream_and_of_the_host(
         np.testing.assert_array_equal(one.digital[0], streamed)
         np.testing.assert_array_equal(one.digital[0, 7:], cropped.digital[0])
         np.testing.assert_array_equal(one.detected.mean_e, fast[0].detected.mean_e)
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("bad", [np.nan, -1.0, -np.inf, -1e-300])
-def test_bad_photons_are_refused_where_they_are_detected(bad: float, engine: str) -> None:
-    sensor, photons = ms.Sensor(CAMERAS["table 1"]), light(1)
-    before = sensor.expose(photons, EXPOSURE, engine=engine).digital
-    photons[30, 7] = bad
-    kind = "NaN" if np.isnan(bad) else "negative"
-    for refused in (sensor.expose, sensor.stream):
-        with pytest.raises(
-            ms.InputError, match=rf"photons is {kind} in 1 place\(s\), first at \(30, 7\)"
-        ):
-            refused(photons, EXPOSURE, engine=engine)
-    np.testing.assert_array_equal(
-        sensor.expose(light(1), EXPOSURE, engine=engine, first_frame=0).digital, before
-    )
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -49,20 +49,6 @@ EVERYTHING = BASE.replace(
 """Every noise source and every curve at once."""
 
 
-@pytest.mark.parametrize("name", [*ms.list_cameras(), "every effect"])
-def test_stages_are_frozen_equal_by_value_hashable_and_say_what_they_do(name: str) -> None:
-    """Two chains of two copies of a datasheet are the same chain: a plan can be kept and compared."""
-    camera = EVERYTHING if name == "every effect" else ms.load_camera(name)
-    one, two = chain(camera), chain(ms.load_camera(camera.to_toml()))
-    assert one == two and hash(one) == hash(two)
-    domains = [stage.domain for stage in one]
-    assert domains == sorted(domains, key=["electrons", "volts", "DN"].index)
-    for stage in one:
-        assert type(stage).__doc__ and type(stage).sample.__doc__
-        with pytest.raises(AttributeError):
-            stage.a_new_attribute = 1  # type: ignore[attr-defined]
-
-
 def test_a_ccd_has_no_reset_noise_no_dsnu_and_no_telegraph_noise() -> None:
     """One amplifier and true CDS; asking for them is refused, unless it is asked for a CMOS sensor."""
     ccd = ms.load_camera("eev_44_82")

@@ -29,7 +29,6 @@ CAMERA = ms.load_camera("konnik_table1").replace(
 EXPOSURE = ms.Exposure(0.1)
 SHAPE = (24, 40)
 LIGHT = np.linspace(100.0, 20_000.0, SHAPE[0] * SHAPE[1]).reshape(SHAPE)
-ALL = ("electrons", "volts")
 
 OFF: dict[str, dict[str, Any]] = {
     "Prnu": {"pixel.prnu": 0.0},
@@ -118,22 +117,6 @@ def test_switching_a_source_off_leaves_every_bit_of_the_others(
         np.testing.assert_array_equal(drawn, whole[name])
 
 
-def test_switching_the_light_off_leaves_every_bit_of_the_others(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    whole = bits_used(CAMERA, monkey=monkeypatch)
-    rest = bits_used(CAMERA, np.zeros(SHAPE), monkey=monkeypatch)
-    for name, drawn in rest.items():
-        np.testing.assert_array_equal(drawn, whole[name])
-
-
-def test_frame_12_alone_is_frame_12_of_many() -> None:
-    many = ms.expose(LIGHT, CAMERA, EXPOSURE, seed=4, serial=9, frames=14, keep=ALL)
-    alone = ms.expose(LIGHT, CAMERA, EXPOSURE, seed=4, serial=9, first_frame=12, keep=ALL)
-    for name in ("digital", *ALL):
-        np.testing.assert_array_equal(getattr(many, name)[12], getattr(alone, name)[0])
-
-
 def test_a_crop_across_a_block_of_coupled_columns_is_the_frame_of_the_crop() -> None:
     """The stripes are made in blocks of 4096 columns: windows inside, across and beyond a border see the same bits."""
     light = np.full((2, 2 * AR_BLOCK + 50), 1000.0)
@@ -200,30 +183,6 @@ def test_neighbours_frames_and_cameras_are_uncorrelated(source: str) -> None:
         assert abs(np.mean(one * other)) < 5 / 2**8
 
 
-def test_the_same_serial_has_the_same_patterns_under_every_seed_and_another_has_others() -> (
-    None
-):
-    """Fixed patterns belong to the camera, temporal noise to the frame."""
-    shape = (64, 64)
-    for source in ("prnu", "dark_fpn", "dsnu_col"):
-        one = normals(source, SensorWindow(4, shape))
-        np.testing.assert_array_equal(
-            one, normals(source, SensorWindow(4, shape), seed=99, index=7)
-        )
-        assert not np.array_equal(one, normals(source, SensorWindow(5, shape)))
-    quiet = CAMERA.replace(
-        **{"source_follower.white_nv_per_rthz": 0.0, "readout.reset": "true_cds"}
-    )
-    mean = [
-        ms.expose(
-            np.full((16, 400), 20_000.0), quiet, EXPOSURE, seed=seed, serial=serial, frames=40
-        ).digital.mean(axis=0)
-        for seed, serial in ((1, 7), (2, 7), (1, 8))
-    ]
-    same, other = (np.corrcoef(mean[0].ravel(), x.ravel())[0, 1] for x in mean[1:])
-    assert same > 0.9 and abs(other) < 0.25
-
-
 def test_a_source_of_ones_own_has_a_stream_of_its_own() -> None:
     """A name that the package does not list: a block outside the listed ones, FPN apart from temporal noise."""
     assert stream_of("photon_shot") == STREAMS["photon_shot"]
@@ -241,39 +200,6 @@ def test_a_source_of_ones_own_has_a_stream_of_its_own() -> None:
         assert abs(np.mean(a * b)) < 5 / 64
 
 
-@pytest.mark.parametrize("lines", [ms.Frame.row_normal, ms.Frame.column_normal])
-def test_temporal_lines_belong_to_their_row_or_column_and_frame(lines: Any) -> None:
-    """One standard normal per line: |mean| < 5/√n and |variance − 1| < 5·√(2/n); independent of window and crop."""
-    n, by_row = 2**16, lines is ms.Frame.row_normal
-    window = SensorWindow(1, (n, 1) if by_row else (1, n))
-    line = lines(ms.Frame(EXPOSURE, window, 4, 3), "line_noise")
-    assert line.shape == window.shape
-    assert abs(line.mean()) < 5 / 2**8 and abs(line.var() - 1) < 5 * np.sqrt(2 / n)
-    crop = SensorWindow(1, (50, 60), (1000, 1000))
-    part = lines(ms.Frame(EXPOSURE, crop, 4, 3), "line_noise")
-    assert part.shape == ((50, 1) if by_row else (1, 60))
-    np.testing.assert_array_equal(part.ravel(), line.ravel()[1000 : 1000 + part.size])
-    for seed, index, name in (
-        (4, 4, "line_noise"),
-        (5, 3, "line_noise"),
-        (4, 3, "other_noise"),
-    ):
-        assert (
-            abs(np.mean(line * lines(ms.Frame(EXPOSURE, window, seed, index), name))) < 5 / 2**8
-        )
-    explicit = lines(ms.Frame(EXPOSURE, crop, 4, 3), "line_noise", np.arange(-3, n))
-    assert explicit.dtype == np.float64 and np.isfinite(explicit).all()
-    np.testing.assert_array_equal(explicit[3:], line.ravel())
-
-
-def test_the_seed_is_all_64_bits() -> None:
-    one = normals("photon_shot", SensorWindow(1, (8, 8)), seed=1)
-    for seed in (1 + 2**32, 1 + 2**63, 2**64 - 1, 0):
-        assert not np.array_equal(
-            one, normals("photon_shot", SensorWindow(1, (8, 8)), seed=seed)
-        )
-
-
 def test_nothing_is_drawn_from_numpys_global_state_or_the_clock() -> None:
     np.random.seed(1)
     one = ms.expose(LIGHT, CAMERA, EXPOSURE).digital
@@ -282,17 +208,3 @@ def test_nothing_is_drawn_from_numpys_global_state_or_the_clock() -> None:
     np.testing.assert_array_equal(ms.expose(LIGHT, CAMERA, EXPOSURE).digital, one)
     np.random.seed(1)
     np.testing.assert_array_equal(np.random.get_state()[1], state)
-
-
-@pytest.mark.parametrize("axis", [0, 1])
-def test_lines_and_pixels_of_one_source_are_uncorrelated(axis: int) -> None:
-    """Row y is not pixel (y, 0), column x is not pixel (0, x), and the first row not the first column; |r| < 5/√n."""
-    n = 100_000
-    shape = (n, 1) if axis == 0 else (1, n)
-    frame = ms.Frame(EXPOSURE, SensorWindow(1, shape))
-    line = (frame.row_normal if axis == 0 else frame.column_normal)("amplifier").ravel()
-    assert abs(np.corrcoef(line, frame.normal("amplifier").ravel())[0, 1]) < 5 / np.sqrt(n)
-    other = ms.Frame(EXPOSURE, SensorWindow(1, shape[::-1]))
-    across = (other.column_normal if axis == 0 else other.row_normal)("amplifier").ravel()
-    assert abs(np.corrcoef(line, across)[0, 1]) < 5 / np.sqrt(n)
-    assert line[0] != across[0]

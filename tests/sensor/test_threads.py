@@ -15,13 +15,6 @@ from mitsuba_sensor.sensor import threads
 EXPOSURE, LIGHT = ms.Exposure(0.1), np.full((600, 700), 1e3)
 
 
-def test_every_item_is_worked_on_once() -> None:
-    done: list[int] = []
-    threads.for_each(done.append, range(1000))
-    assert sorted(done) == list(range(1000))
-    threads.for_each(done.append, [])
-
-
 def test_an_error_of_any_thread_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(threads, "processors", lambda: 2)
     here, other = threading.current_thread(), threading.Event()

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -92,53 +91,6 @@ def test_banding_has_the_spectrum_that_it_was_given() -> None:
     assert power[np.abs(frequency - 1 / 16) < 0.03].sum() > 0.95 * power.sum()
 
 
-def test_fields_can_change_behind_an_added_stage_and_the_first_camera_stays_as_it_was() -> None:
-    camera = camera_with_banding()
-    assert (
-        len(camera.stages)
-        == len(TABLE1.stages) + 1
-        == len(camera.replace(**{"adc.bits": 14}).stages)
-    )
-    assert camera.replace(**{"adc.bits": 14}).stages[-1].highest == 2**14 - 1  # type: ignore[attr-defined]
-    assert not any(isinstance(stage, Banding) for stage in TABLE1.stages)
-    assert camera != TABLE1 and camera == camera_with_banding()
-
-
-def test_a_stage_stands_at_its_place_even_where_the_camera_has_no_stage_in_front_of_it() -> (
-    None
-):
-    """A CCD has no reset noise."""
-    ccd = ms.load_camera("eev_44_82")
-    names = [
-        stage.key()
-        for stage in ccd.with_stage(Banding(1.0, 5e-6, (1.0, 1.0)), after="reset_noise").stages
-    ]
-    assert "reset_noise" not in names and names[names.index("banding") - 1] == "sense_node"
-
-
-REFUSED: dict[str, tuple[Any, str, str]] = {
-    "no stage": (
-        3,
-        "reset_noise",
-        "pass an instance of a class derived from mitsuba_sensor.Stage",
-    ),
-    "no such place": (Banding(1.0, 5e-6, (1.0, 1.0)), "reset", "Did you mean 'reset_noise'"),
-    "behind the converter": (Banding(1.0, 5e-6, (1.0, 1.0)), "adc", "it must be one of"),
-    "another unit": (
-        Banding(1.0, 5e-6, (1.0, 1.0)),
-        "shot_noise",
-        "delivers volts, and behind shot_noise are electrons",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_a_stage_that_cannot_stand_there_is_refused_in_one_sentence(case: str) -> None:
-    stage, after, sentence = REFUSED[case]
-    with pytest.raises(InputError, match=sentence):
-        TABLE1.with_stage(stage, after=after)
-
-
 class Hum(ms.Stage):
     """Noise of one value per pixel; not frozen, without a hash, with an array among its fields."""
 
@@ -173,20 +125,6 @@ def test_a_stage_needs_no_hash() -> None:
         ms.expose(np.zeros((4, 4)), camera, DARK, plan=plan).digital,
         ms.expose(np.zeros((4, 4)), camera, DARK).digital,
     )
-
-
-@pytest.mark.parametrize("source", ["hum", "source_follower"])
-def test_two_stages_may_not_draw_from_one_source(source: str) -> None:
-    """They would have the same noise: σ twice as large, where theory has √2."""
-    camera = TABLE1.with_stage(Hum(), after="reset_noise")
-    with pytest.raises(InputError, match=f"Hum draws from the noise source '{source}'"):
-        camera.with_stage(Hum(source), after="cds_gain")
-
-
-def test_the_same_stage_may_not_be_added_twice() -> None:
-    hum = Hum()
-    with pytest.raises(InputError, match="both would have the same noise"):
-        TABLE1.with_stage(hum, after="reset_noise").with_stage(hum, after="reset_noise")
 
 
 def test_a_stage_that_leaves_float32_is_refused() -> None:
@@ -235,31 +173,3 @@ def test_a_stage_stands_in_place_of_one_of_the_camera() -> None:
     assert added_dn2 == pytest.approx(half_dn2, rel=0.02)
     expected = ms.expose(light, averaged, DARK).theory.averages(averaged.stages[-1])
     assert expected.temporal == pytest.approx(frames.var(axis=0, ddof=1).mean(), rel=0.03)
-
-
-HIDES: dict[str, tuple[str, dict[str, Any]]] = {
-    "reach": ("Bad.reach_px is a field", {"__annotations__": {"reach_px": int}, "reach_px": 0}),
-    "method as field": (
-        "call the field bad_fpn_maps",
-        {"__annotations__": {"fpn_maps": "tuple[int, int]"}},
-    ),
-    "label": ("Bad.label is a field", {"__annotations__": {"label": str}}),
-    "class variable": ("Bad.domain is a field", {"__annotations__": {"domain": "str"}}),
-    "value": ("call the value bad_marked", {"marked": ("A note.",)}),
-    "method": (
-        "Bad.saturation_e is a method; write @property",
-        {"saturation_e": lambda self: 1},
-    ),
-}
-
-
-@pytest.mark.parametrize("what", HIDES)
-def test_a_field_that_hides_a_member_is_refused_when_the_class_is_made(what: str) -> None:
-    """In the class and in a mixin; to override a member by a class variable or a property is allowed."""
-    sentence, body = HIDES[what]
-    for bases in ((ms.Stage,), (type("Mixin", (), body), ms.Stage)):
-        with pytest.raises(InputError, match=re.escape(sentence)):
-            type("Bad", bases, body if len(bases) == 1 else {})
-    allowed = {"__annotations__": {"reach_px": ClassVar[int]}, "reach_px": 1, "label": "fine"}
-    stage = type("Good", (ms.Stage,), {**allowed, "saturation_e": property(lambda self: 1)})
-    assert (stage.reach_px, stage.label, stage.key()) == (1, "fine", "good")

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -64,11 +60,6 @@ def kept(camera: ms.Camera, what: str, light: float = 0.0) -> NDArray[np.float64
 @functools.cache
 def whole_volts() -> NDArray[np.float64]:
     return kept(EVERY.without("prnu_column"), "volts", 9e3)
-
-
-def test_the_camera_of_these_tests_has_every_source() -> None:
-    missing = set(SOURCES) - {stage.key() for stage in chain(EVERY)}
-    assert not missing, f"give the camera EVERY of this file fields that make {missing}"
 
 
 @pytest.mark.parametrize("name", ADDED)
@@ -132,89 +123,4 @@ def test_without_any_noise_the_code_is_the_rounded_mean_and_so_is_the_theory() -
     assert (
         last["mean_expected"] == pytest.approx(expected.mean(), abs=1e-9)
         and last["sigma_expected"] < 1e-6
-    )
-
-
-def test_a_given_map_of_a_source_that_is_off_is_known_and_unused() -> None:
-    maps = ms.fpn_maps(EVERY, (4, 4))
-    camera, light = EVERY.without("prnu"), np.full((4, 4), 1e4)
-    with_map = ms.expose(light, camera, EXPOSURE, maps=maps | {"prnu": 3 * maps["prnu"]})
-    np.testing.assert_array_equal(
-        with_map.digital, ms.expose(light, camera, EXPOSURE, maps=maps).digital
-    )
-
-
-def test_names_are_keys_in_any_order_and_as_tables_print_them() -> None:
-    one = EVERY.without("prnu", "shot_noise", "prnu")
-    assert (
-        one
-        == EVERY.without("shot noise").without("PRNU")
-        == EVERY.replace(**{"sensor.without": ["shot_noise", "prnu"]})
-    )
-    assert one.sensor.without == ("prnu", "shot_noise")
-    assert one.replace(**{"sensor.without": None}).stages == EVERY.stages
-    assert EVERY.without() == EVERY
-    labels = [effect.label for effect in ORDER if not effect.no_noise]
-    keys = [effect.key() for effect in ORDER if not effect.no_noise]
-    assert [label.lower().replace(" ", "_") for label in labels] == keys, (
-        "the label of an effect is its class name written apart: AmpGlow, 'amp glow'"
-    )
-    assert EVERY.without(*labels).sensor.without == SOURCES
-
-
-REFUSED: dict[str, tuple[Any, str]] = {
-    "misspelt": ("shotnoise", "Did you mean 'shot_noise'"),
-    "a part": ("photon shot noise", "Did you mean 'shot_noise'"),
-    "a list": (["prnu"], "the noise sources are prnu, dark_current"),
-    "full well": ("full_well", "is no noise source; set pixel.full_well_e"),
-    "converter": ("ADC", "is no noise source; set adc.bits"),
-    "unknown": ("", "the noise sources are prnu, dark_current"),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_what_is_no_noise_source_is_refused(case: str) -> None:
-    name, said = REFUSED[case]
-    with pytest.raises(ms.InputError, match=said):
-        TABLE1.without(name)
-    if isinstance(name, str):
-        with pytest.raises(ms.InputError, match=said):
-            TABLE1.replace(**{"sensor.without": [name]})
-
-
-def test_a_camera_file_and_the_command_line_say_the_same(
-    tmp_path: Path, cli: Callable[..., Any], light_file: Path
-) -> None:
-    file = tmp_path / "mine.toml"
-    assert (
-        cli("cameras", "new", file, "--without", "prnu", "--without", "shot noise").exit_code
-        == 0
-    )
-    camera = ms.load_camera(file)
-    assert (
-        camera.sensor.without == ("prnu", "shot_noise")
-        and camera.stages == TABLE1.without("prnu", "shot_noise").stages
-    )
-    done = cli(
-        "expose",
-        light_file,
-        "-o",
-        tmp_path / "out",
-        "--camera",
-        file,
-        "--without",
-        "reset_noise",
-        "--json",
-    )
-    assert done.exit_code == 0, done.stderr
-    found = json.loads(done.stdout)
-    assert found["camera"]["sensor"]["without"] == ["prnu", "shot_noise", "reset_noise"]
-    assert not {"PRNU", "shot noise", "reset noise"} & {
-        line["name"] for line in found["stages"]
-    }
-    (finding,) = ms.check_camera(file.read_text("utf-8").replace('"shot_noise"', '"shot"'))
-    assert (
-        finding.level == "error"
-        and finding.line
-        and "Did you mean 'shot_noise'" in finding.text
     )

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ...core import Array, Float64Array
 from ...core.llvm import drjit
+from ..load.scene import Scene
 from ..samples import hashed_seed
-from ..scene.scene import Scene
 from ..variants import MitsubaObject, mitsuba
 
 BOUNCES_MAX = 6  # at mirrors and clear glass

@@ -19,8 +19,8 @@ from ..samples import hashed_seed
 from .bands import Bands, filter_responses
 
 if TYPE_CHECKING:
+    from ..load.scene import Scene
     from ..motion.moving_scene import MovingScene
-    from ..scene.scene import Scene
 
 
 def with_filters(bands: Bands, camera: Camera) -> Bands:

@@ -16,7 +16,7 @@ from ..variants import MitsubaObject, mitsuba
 from .irradiance import RenderedFor
 
 if TYPE_CHECKING:
-    from ..scene.scene import Scene
+    from ..load.scene import Scene
 
 POINTS, FEW_POINTS = 2048, 16  # of the picture, at each wavelength; few in scalar variants
 STEP_NM, AT_ONCE = 1.0, 4  # between the wavelengths; a spectrum of Mitsuba holds four

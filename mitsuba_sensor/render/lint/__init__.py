@@ -1,6 +1,7 @@
 """Checks of a scene before it is rendered: what is refused, and what differs from what its author probably expects.
 
-lint.py has the table of checks, of which spectrum_findings.py and built_checks.py have those of spectra and of what
-Mitsuba has built; a result of one is a Finding (finding.py). refusals.py stops a render that cannot be.
-scene_spectra.py reads the spectra of a parsed scene, and electron_share.py weighs what lies beyond their data.
+checks.py has the table of checks; spectrum_checks.py and built_checks.py have the checks of spectra and of what Mitsuba
+has built. A check yields Findings (finding.py). refusals.py stops a render that is impossible. spectra.py walks the
+spectra of a parsed scene, infrared.py says what its RGB colours are beyond 700 nm, and electron_share.py weighs what
+lies beyond the data.
 """

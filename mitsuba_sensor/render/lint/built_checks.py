@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +12,7 @@ from ...core.llvm import drjit
 from ...optics.f_number_law import chief_ray_deg, microlens_deg, slant_response
 from ...optics.intrinsics import aperture_f_number
 from ..variants import MitsubaObject, is_polarized, mitsuba
-from .finding import Finding, places
-from .spectrum_findings import loaded_spectra
-from .subject import Built, Subject
-
-Found: TypeAlias = Iterator[Finding]
+from .finding import Built, Finding, Found, Subject, places
 
 DEPOLARISING = {
     "hair": "Hair",
@@ -33,9 +27,6 @@ DEPOLARISING = {
 """Materials with a reflecting surface that Mitsuba 3.9.1 renders without polarisation, and their classes. tests/render/
 test_polarizers.py measures the degree of polarisation of every material at Brewster's angle; measured, which needs a
 file of measurements, is from its source."""
-LOSS = 0.01  # of the radiance: what cut paths may lose without a finding
-FLAT = 0.01  # thickness over width: patches on a plane do not illuminate each other
-ALBEDO = 0.5  # of a closed grey scene, to estimate the radiance that cut paths lose
 ROUNDING = 1e-5  # of float32 coordinates
 FLOAT32_REACH = 2000.0
 """Distance over (1 + p), from which on at least 1 % of the light of a sphere or disk is missing, p being the largest
@@ -52,23 +43,11 @@ COMPUTED_BY_FORMULA = ("Sphere", "Disk", "Cylinder", "SDFGrid")
 FROM_VACUUM = "PRBVolpathIntegrator"
 VOLUMETRIC = ("VolumetricPathIntegrator", "VolpathMisIntegratorImpl", FROM_VACUUM)
 """Classes of volpath, volpathmis and prbvolpath. All other integrators of Mitsuba 3.9.1 leave media out, as
-tests/render/test_media.py measures."""
+tests/render/test_lint.py shows."""
 AXES = ((0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
 HITS_MAX = 16  # surfaces that are no boundary of a medium, along one axis
 CORNER_LOSS = 0.02  # of the response of a pixel whose microlens is made for another angle
 F_NUMBER_MIN = 0.5  # of a lens in air, by the sine condition
-
-
-def environments(subject: Subject, built: Built) -> Found:
-    """Environment maps with pixels that are not finite: by chance, or wherever light is looked for, nothing is lit."""
-    environment = built.world.environment()
-    parameters = {} if environment is None else mitsuba().traverse(environment)
-    values = np.asarray(parameters["data"]) if "data" in parameters else np.zeros(1)
-    if not np.isfinite(values.sum()) and (bad := int((~np.isfinite(values)).sum())):
-        nodes = subject.scene.nodes("Emitter")
-        maps = [node for node in nodes if node.props.plugin_name() == "envmap"]
-        what = f"the environment map has {bad} values that are not finite, and the light of others is lost too"
-        yield Finding("wrong", subject.lines(maps), what, "give it finite values")
 
 
 def points(subject: Subject, built: Built) -> Found:
@@ -117,32 +96,33 @@ def far_shapes(subject: Subject, built: Built) -> Found:
     """Shapes that shadow themselves because they are too far from the sensor for float32; see FLOAT32_REACH."""
     parameters, variant = mitsuba().traverse(built.sensor), mitsuba().variant()
     kinds = COMPUTED_BY_FORMULA[3:] if variant.startswith("scalar") else COMPUTED_BY_FORMULA
-    all_shapes = enumerate(built.world.shapes())
-    shapes = [(number, shape) for number, shape in all_shapes if shape.class_name() in kinds]
     depths = _depths_of_corners(built)
-    if "near_clip" not in parameters or not shapes or not depths.size:
+    if "near_clip" not in parameters or not depths.size:
         return
     sides = float(np.max(np.ravel(built.world.bbox().extents())))
     nearest, place = float(depths.min()) - sides, _pose(built)[:3, 3]
-    far, beyond = dict[str, str](), False  # name → kind
-    for number, shape in shapes:
+    far, is_clipped_enough = (
+        dict[str, str](),
+        True,
+    )  # name → kind; by a near_clip before the scene
+    for number, shape in enumerate(built.world.shapes()):
+        if (kind := shape.class_name()) not in kinds:
+            continue
         centre = np.ravel(shape.bbox().center()).astype(float)
         away, reach = float(np.linalg.norm(centre - place)), _float32_reach(shape, centre)
         if away - float(parameters["near_clip"]) > reach:
-            far[f"shape {shape.id() or number!r}"] = shape.class_name()
-            beyond = beyond or away - nearest > reach
+            far[f"shape {shape.id() or number!r}"] = kind.lower()
+            is_clipped_enough &= away - nearest <= reach
     if not far:
         return
-    remedies = [] if beyond else [f"raise near_clip of the sensor to {nearest:.6g}"]
-    if "SDFGrid" not in far.values():
-        remedies.append("render in variant scalar_spectral")
-    remedies.append("replace them by meshes")
-    kinds_there = ", ".join(sorted({kind.lower() for kind in far.values()}))
+    remedies = [f"raise near_clip of the sensor to {nearest:.6g}"] * is_clipped_enough
+    remedies += ["render in variant scalar_spectral"] * ("sdfgrid" not in far.values())
     what = (
         f"too far from the sensor for float32, in which {variant} computes: {places(len(far), 'shape')} "
-        f"({kinds_there}) will shadow themselves, mostly by 1 to 60 %"
+        f"({', '.join(sorted({*far.values()}))}) will shadow themselves, mostly by 1 to 60 %"
     )
-    yield Finding("wrong", next(iter(far)), what, ", or ".join(remedies))
+    remedy = ", or ".join([*remedies, "replace them by meshes"])
+    yield Finding("wrong", next(iter(far)), what, remedy)
 
 
 def _float32_reach(shape: MitsubaObject, centre: NDArray[np.float64]) -> float:
@@ -157,28 +137,6 @@ def _float32_reach(shape: MitsubaObject, centre: NDArray[np.float64]) -> float:
     if kind == "Disk":  # its middle is at its smallest coordinates
         return FLOAT32_REACH * (1 + max(largest - half, half / 20))
     return FLOAT32_REACH * (1 + max(largest, half)) / (2 if kind == "SDFGrid" else 1)
-
-
-def short_paths(subject: Subject, built: Built) -> Found:
-    """An integrator that ends paths which still carry radiance; a flat scene has no longer paths."""
-    if not (box := built.world.bbox()).valid():
-        return
-    sides = sorted(float(side) for side in np.ravel(box.extents()))
-    for node in subject.scene.nodes("Integrator"):
-        kind = node.props.plugin_name()
-        usual = 2 if kind.startswith("direct") else 6 if kind.startswith("prb") else -1
-        depth = node.props.get("max_depth", usual)
-        if depth >= 0 and ALBEDO**depth > LOSS and sides[0] > FLAT * sides[-1]:
-            what = (
-                f"light paths end after {depth} segments, which loses {ALBEDO**depth:.2g} of the radiance in a closed "
-                "grey scene"
-            )
-            remedy = "give it a max_depth of 16 or more, or none"
-            if kind.startswith("direct"):
-                remedy = "take 'path'"
-            elif kind.startswith("prb"):
-                remedy = "give it a max_depth of 16 or more"
-            yield Finding("note", subject.scene.where(node), what, remedy)
 
 
 def media(subject: Subject, built: Built) -> Found:
@@ -254,12 +212,6 @@ def depolarising(subject: Subject, built: Built) -> Found:
         what = f"Mitsuba depolarises what {', '.join(map(repr, sorted(kinds)))} reflects and transmits"
         remedy = "take 'pplastic' for plastic and paint, 'dielectric' for glass and water, which keep its polarisation"
         yield Finding("wrong", where, what, remedy)
-
-
-def spectra_of_loaded(subject: Subject, built: Built) -> Found:
-    """Spectra of a scene that Mitsuba has loaded."""
-    if subject.scene.loaded is not None:
-        yield from loaded_spectra(subject, built.world)
 
 
 def microlenses(subject: Subject, built: Built) -> Found:

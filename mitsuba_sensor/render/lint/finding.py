@@ -1,29 +1,35 @@
-"""A result of the check of a scene: how serious it is, where it is in the file, and what to do."""
+"""What is checked, and the result of a check: how serious it is, where it is in the file, and what to do."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from functools import cached_property
+from typing import Literal, NamedTuple, TypeAlias
 
-from ...core import Doubt
+import numpy as np
+from numpy.typing import NDArray
+
+from ...camera.camera import Camera
+from ...core import Doubt, Float64Array
+from ...optics.intrinsics import View
 from ..scene.parsed_scene import ParsedScene
 from ..variants import MitsubaObject
-
-Range: TypeAlias = tuple[float, float]
+from .spectra import Property, Range, light_range, properties_of
 
 ORDER = ("black", "wrong", "note", "fact")
 NAMED_MAX = 4  # lines or parameters named in one finding
+TOLERANCE_NM = 1e-3
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One result of the check.
+    """One result of a check.
 
-    level : "black", radiance that is missing; "wrong", a value with another meaning than expected;
-        "note"; or "fact", which changes nothing in a frame and is no note of a render.
-    where : lines in the scene file.  what : description.  remedy : what to do, or what was done.
-    data_nm : the wavelengths for which there are data, where the finding is that they end; else None.
+    level : "black", radiance is missing; "wrong", a value means something else than expected;
+        "note"; or "fact", which changes nothing in a frame and is not among the notes of a render.
+    where : lines in the scene file.  what : fact and consequence.  remedy : what to do, or what was done.
+    data_nm : the wavelengths for which there are data, if the finding is that data end; else None.
     beyond : what is true of the scene at other wavelengths.
     """
 
@@ -39,30 +45,93 @@ class Finding:
 
     @property
     def is_serious(self) -> bool:
-        """Whether something is black or wrong."""
+        """Return True if something is black or wrong."""
         return self.level in ("black", "wrong")
 
     @property
     def as_note(self) -> str:
-        """The sentence among the notes of a render: a doubt where something is black or wrong."""
+        """The sentence among the notes of a render: a doubt if something is black or wrong."""
         return Doubt(self) if self.is_serious else str(self)
 
     def to_dict(self) -> dict[str, str]:
-        """Plain values, ready for JSON."""
+        """Return plain values, ready for JSON."""
         names = ("level", "where", "what", "remedy")
         return {name: getattr(self, name) for name in names}
 
 
+Found: TypeAlias = Iterator[Finding]
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A parsed scene and what it is rendered for.
+
+    band_nm : ends of all bands together.  unit_m : metres per scene unit; None if not known.
+    """
+
+    scene: ParsedScene
+    band_nm: Range
+    camera: Camera | None
+    unit_m: float | None
+
+    @cached_property
+    def properties(self) -> list[Property]:
+        """The spectra of emitters, materials and media."""
+        return properties_of(self.scene)
+
+    @cached_property
+    def lights(self) -> list[tuple[MitsubaObject, Range]]:
+        """Each emitter, and the wavelengths at which it can shine."""
+        emitters = self.scene.nodes("Emitter")
+        return [(node, light_range(node, self.properties)) for node in emitters]
+
+    @property
+    def is_dark(self) -> bool:
+        """Return True if the scene has lights, and none of them has a spectrum in the bands."""
+        (low_nm, high_nm), lights = self.band_nm, self.lights
+        return bool(lights) and not any(
+            low < high_nm and high > low_nm for _, (low, high) in lights
+        )
+
+    def is_covered_by(self, data_nm: Range) -> bool:
+        """Return True if there are data in all bands."""
+        low_nm, high_nm = self.band_nm
+        return data_nm[0] <= low_nm + TOLERANCE_NM and data_nm[1] >= high_nm - TOLERANCE_NM
+
+    def beyond(self, data_nm: Range) -> str:
+        """Return where the bands are, and how much the camera detects where there are no data."""
+        low_nm, high_nm = self.band_nm
+        extent = f"the bands extend from {low_nm:g} to {high_nm:g} nm"
+        if self.camera is None:
+            return extent
+        edges_nm = np.linspace(low_nm, high_nm, max(round(high_nm - low_nm), 1) + 1)
+        nm = (edges_nm[1:] + edges_nm[:-1]) / 2
+        photoelectrons = np.atleast_2d(self.camera.qe(nm)) * nm  # of a flat spectrum
+        is_beyond = (nm < data_nm[0]) | (nm > data_nm[1])
+        name, share = largest_share(self.camera, photoelectrons, is_beyond)
+        return f"{extent}, and the {name} pixels detect {share:.1%} of a flat spectrum beyond"
+
+    def lines(self, nodes: Sequence[MitsubaObject]) -> str:
+        """Return where nodes are in the scene file."""
+        return lines_of(self.scene, nodes)
+
+
+class Built(NamedTuple):
+    """What Mitsuba made of a scene.  world : its shapes and emitters.  view : through the lens of the camera."""
+
+    world: MitsubaObject
+    sensor: MitsubaObject
+    integrator: MitsubaObject
+    view: View
+
+
 def most_serious_first(findings: Iterable[Finding]) -> list[Finding]:
-    """The findings, black before wrong before notes before facts."""
+    """Return the findings, black before wrong before notes before facts."""
     return sorted(findings, key=lambda finding: ORDER.index(finding.level))
 
 
-def lines_of(scene: ParsedScene, nodes: list[MitsubaObject]) -> str:
-    """``line 3``, ``lines 3, 9 and 4 more``.
-
-    A look-up reads the file, so only the named ones are looked up.
-    """
+def lines_of(scene: ParsedScene, nodes: Sequence[MitsubaObject]) -> str:
+    """Return ``line 3``, ``lines 3, 9 and 4 more``; a look-up reads the file, so few are looked up."""
     named = list(dict.fromkeys(scene.where(node) for node in nodes[:NAMED_MAX]))
     more = f" and {len(nodes) - NAMED_MAX} more" if len(nodes) > NAMED_MAX else ""
     lines = [place.removeprefix("line ") for place in named if place.startswith("line ")]
@@ -72,5 +141,14 @@ def lines_of(scene: ParsedScene, nodes: list[MitsubaObject]) -> str:
 
 
 def places(count: int, noun: str = "place") -> str:
-    """``1 place``, ``2 places``."""
+    """Return ``1 place``, ``2 places``."""
     return f"{count} {noun}{'s' * (count > 1)}"
+
+
+def largest_share(
+    camera: Camera, electrons: Float64Array, is_beyond: NDArray[np.bool_]
+) -> tuple[str, float]:
+    """Return the filter with the largest share of electrons, (F, B), in some bands, (B,); and that share."""
+    total, beyond = electrons.sum(axis=1), electrons[:, is_beyond].sum(axis=1)
+    shares = np.divide(beyond, total, out=np.zeros_like(total), where=total > 0)
+    return camera.filter_names[int(np.argmax(shares))], float(shares.max())

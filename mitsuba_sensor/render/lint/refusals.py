@@ -14,79 +14,58 @@ from ..scene.loaded_scene import IMAGING, why_no_image
 from ..scene.parsed_scene import POLARISING, ParsedScene
 from ..scene.scene_settings import FILM
 from ..variants import MitsubaObject, is_polarized, mitsuba
-from .finding import Finding, Range, lines_of
+from .finding import Finding, lines_of
+from .spectra import Range
 
-SCALAR_ONLY = (
-    "timed_sunsky",
-)  # Dr.Jit refuses to trace it, and every render of the process after that
 PICTURES = ("bitmap", "envmap")  # whose file is one
 MESH_ATTRIBUTE = "mesh_attribute"  # texture
 ATTRIBUTES_TAKEN = re.compile(r'MeshAttribute\[\s*name = "([^"]*)"')
 """In what Mitsuba prints of a material."""
-WITH_FILES = ("Shape", "Texture", "Emitter", "Volume", "BSDF", "Medium", "PhaseFunction")
-# Plugins that cannot be used, and why.
-UNSUITABLE = {
+INTEGRATORS = {
     "depth": "computes no radiance",
     "volprim_rf_basic": "renders radiance fields of red, green and blue and no spectra",
     "ptracer": "starts its paths at the emitters and cannot write spectral bands",
-} | dict.fromkeys(
-    POLARISING,
-    "acts on polarised light; take a variant that follows it, e.g. --variant llvm_ad_spectral_polarized, or "
-    "--ignore-polarization for unpolarised light",
-)
+}
+"""Integrators that cannot be used, and why."""
 
 
 def refuse_unsuitable(scene: ParsedScene) -> None:
-    """InputError for a sensor, integrator or material that cannot be rendered into spectral bands."""
-    _refuse_sensor(scene, scene.sensor())
-    followed = POLARISING if scene.ignore_polarization or is_polarized() else ()
-    for node in scene.nodes("Integrator", "BSDF"):
-        if (kind := node.props.plugin_name()) in UNSUITABLE and kind not in followed:
-            way_out = ""
-            if kind not in POLARISING:
-                new = "volpath" if scene.nodes("Medium") else "path"
-                way_out = f"; take {new!r} (--integrator, integrator=)"
-            raise InputError(
-                f"scene {scene.name!r}, {scene.where(node)}: {kind!r} {UNSUITABLE[kind]}{way_out}."
+    """Raise InputError for a sensor, integrator, material or emitter that cannot be rendered into spectral bands."""
+    variant = mitsuba().variant()
+    is_followed = scene.ignore_polarization or is_polarized()
+    others = [
+        name
+        for name, (_, node) in zip(
+            scene.sensors(), scene.children(scene.root, "Sensor"), strict=True
+        )
+        if node.props.plugin_name() in IMAGING
+    ]
+    for node in (scene.sensor(), *scene.nodes("Integrator", "BSDF", "Emitter")):
+        kind, why = node.props.plugin_name(), ""
+        if node == scene.sensor() and kind not in IMAGING:
+            another = (
+                f", or take another sensor of the scene: --sensor {others[0]}" if others else ""
             )
-    for node in scene.nodes("Emitter"):
-        kind, variant = node.props.plugin_name(), mitsuba().variant()
-        if kind in SCALAR_ONLY and not variant.startswith("scalar"):
+            why = why_no_image(kind) + another
+        elif kind in INTEGRATORS:
+            new = "volpath" if scene.nodes("Medium") else "path"
+            why = f"{kind!r} {INTEGRATORS[kind]}; take {new!r} (--integrator, integrator=)"
+        elif kind in POLARISING and not is_followed:
+            why = (
+                f"{kind!r} acts on polarised light; take a variant that follows it, e.g. --variant "
+                "llvm_ad_spectral_polarized, or --ignore-polarization for unpolarised light"
+            )
+        elif kind == "timed_sunsky" and not variant.startswith("scalar"):
+            # Dr.Jit refuses to trace it, and every render of the process after that.
             why = f"{kind!r} of Mitsuba 3.9.1 fails in {variant}; take `--variant scalar_spectral`"
+        if why:
             raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {why}.")
 
 
-def _refuse_sensor(scene: ParsedScene, node: MitsubaObject) -> None:
-    """InputError for a sensor that takes no image; for a batch of such sensors, the same as for one of them."""
-    kind = node.props.plugin_name()
-    if kind in IMAGING:
-        return
-    inside = [child.props.plugin_name() for child in _sensors_in(scene, node)]
-    if inside and not {*inside} & {*IMAGING}:
-        kind = inside[0]
-    of_scene = (child for _, child in scene.children(scene.root, "Sensor"))
-    others = [
-        name
-        for name, child in zip(scene.sensors(), of_scene, strict=True)
-        if child.props.plugin_name() in IMAGING
-    ]
-    way_out = f", or take another sensor of the scene: --sensor {others[0]}" if others else ""
-    raise InputError(
-        f"scene {scene.name!r}, {scene.where(node)}: {why_no_image(kind)}{way_out}."
-    )
-
-
-def _sensors_in(scene: ParsedScene, node: MitsubaObject) -> list[MitsubaObject]:
-    """The sensors in a batch, those on shapes in it among them."""
-    shapes = [shape for _, shape in scene.children(node.props, "Shape")]
-    owners = (node, *shapes)
-    return [one for owner in owners for _, one in scene.children(owner.props, "Sensor")]
-
-
 def refuse_missing_files(scene: ParsedScene) -> None:
-    """InputError that names all missing meshes, textures and tables."""
+    """Raise InputError that names all missing meshes, textures and tables."""
     missing = dict[str, str]()
-    for node in scene.nodes(*WITH_FILES):
+    for node in scene.state.nodes:
         name = node.props.get("filename", None)
         if not isinstance(name, str):
             continue
@@ -112,34 +91,23 @@ def refuse_missing_attributes(scene: ParsedScene, world: MitsubaObject) -> None:
     ]
     if not takers and scene.loaded is None:
         return
-    for number, shape in enumerate(_shapes(world)):
-        for name in ATTRIBUTES_TAKEN.findall(f"{shape.bsdf()} {shape.emitter()}"):
-            if not shape.has_attribute(name):
-                places = [node for node in takers if node.props.get("name", None) == name]
-                where = f", {lines_of(scene, places)}" if places else ""
-                what = f"shape {shape.id() or number!r} has no attribute {name!r}, which its material takes"
-                raise InputError(
-                    f"scene {scene.name!r}{where}: {what}; {_attributes(shape, name)}"
-                )
-
-
-def _shapes(world: MitsubaObject) -> list[MitsubaObject]:
-    """The shapes of a scene, those in groups too."""
     owners = (entry[2] for entry in mitsuba().traverse(world).properties.values())
     meshes = {id(owner): owner for owner in owners if isinstance(owner, mitsuba().Mesh)}
-    return [*world.shapes(), *meshes.values()]
-
-
-def _attributes(shape: MitsubaObject, wanted: str) -> str:
-    """What attributes a shape has."""
-    names = [
-        name
-        for name, _ in mitsuba().traverse(shape)
-        if name.startswith(("vertex_", "face_")) and shape.has_attribute(name)
-    ]
-    if not names:
-        return "it has none: give the material a spectrum, or the mesh its attribute."
-    return f"it has {', '.join(names)}.{nearest(wanted, names)}"
+    for number, shape in enumerate([*world.shapes(), *meshes.values()]):  # those in groups too
+        for name in ATTRIBUTES_TAKEN.findall(f"{shape.bsdf()} {shape.emitter()}"):
+            if shape.has_attribute(name):
+                continue
+            places = [node for node in takers if node.props.get("name", None) == name]
+            where = f", {lines_of(scene, places)}" if places else ""
+            keys = [
+                key
+                for key, _ in mitsuba().traverse(shape)
+                if key.startswith(("vertex_", "face_"))
+            ]
+            own = [key for key in keys if shape.has_attribute(key)]
+            has = f"it has {', '.join(own) or 'none'}.{nearest(name, own)}"
+            what = f"shape {shape.id() or number!r} has no attribute {name!r}, which its material takes"
+            raise InputError(f"scene {scene.name!r}{where}: {what}; {has}")
 
 
 def refuse_black(band_nm: Range, lost: int, findings: Iterable[Finding]) -> NoReturn:

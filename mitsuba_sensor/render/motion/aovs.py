@@ -20,13 +20,13 @@ from ...core.options import complete, documents
 from ...optics.shutter import Shutter, shutter_of
 from ..light.bands import choose_bands
 from ..limits import LONGEST_NM, SHORTEST_NM
+from ..load.scene import Scene, load_scene
 from ..options import SceneOptions
 from ..samples import row_strips
+from ..scene.motion import Motion, read_motion
 from ..scene.parse_scene import SceneInput, parse
 from ..scene.parsed_scene import ParsedScene
-from ..scene.scene import Scene, load_scene
 from ..variants import restores_variant
-from .motion import Motion, read_motion
 from .moving_scene import AnimatedTransforms
 from .rays import first_hits
 

@@ -25,10 +25,10 @@ from ...core import Exposure, Float64Array, InputError, nearest
 from ...optics.shutter import displaced_share, phase_of_pass, shutter_of, subframes
 from ...optics.waveform import Waveform
 from ..light.statistics import TimeSampling
+from ..load.scene import Scene
 from ..samples import hashed_seed, whole_grid
-from ..scene.scene import Scene
+from ..scene.motion import Motion, RigidMotion
 from ..variants import MitsubaObject, mitsuba
-from .motion import Motion, RigidMotion
 from .rays import camera_to_world, first_hits, project
 
 MOST_BLOCKS = (

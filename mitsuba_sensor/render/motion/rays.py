@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...core import Array, Float64Array
 from ...core.llvm import drjit
-from ..scene.scene import Scene
+from ..load.scene import Scene
 from ..variants import MitsubaObject, mitsuba
 
 RGB_NM = (

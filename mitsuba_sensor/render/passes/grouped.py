@@ -19,8 +19,8 @@ from ..light.photons import mean_electrons
 from ..light.statistics import POOLED, NoiseRatios, RenderStatistics, coarsest, summary_of
 from ..lint.electron_share import with_notes_of_shares
 from ..lint.refusals import refuse_black
+from ..load.half_pupil import half_note
 from ..samples import PASSES_MIN, hashed_seed
-from ..scene.half_pupil import half_note
 from .stop_criterion import Progress, RenderProgress, StopCriterion
 
 if TYPE_CHECKING:

@@ -39,13 +39,13 @@ from ..light.statistics import (
     why_not_trusted,
 )
 from ..lint.electron_share import with_notes_of_shares
-from ..motion.motion import Motion
+from ..load.scene import Scene
 from ..motion.moving_scene import MovingScene, pose_m
 from ..options import RenderOptions
 from ..samples import SAMPLER
 from ..scene.light_groups import LightGroup
+from ..scene.motion import Motion
 from ..scene.parsed_scene import ParsedScene
-from ..scene.scene import Scene
 from ..variants import mitsuba
 from .light_of_passes import agree_with_filters, in_band_of, raw_bands
 from .passes import Electrons, Passes

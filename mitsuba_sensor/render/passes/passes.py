@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from ...core import Float64Array
 from ..light.bands import Bands, of_own_filter
+from ..load.weight_noise import without_weight_noise
 from ..samples import clean
-from ..scene.weight_noise import without_weight_noise
 
 VALUES_AT_ONCE = 2**15  # that stay in a processor's cache
 USUAL = (1e-9, 1e9)

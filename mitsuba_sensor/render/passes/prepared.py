@@ -26,16 +26,16 @@ from ..light.film_channels import radiance_of, with_filters
 from ..light.irradiance import Irradiance
 from ..light.photons import metered, photons_per_irradiance
 from ..lint.refusals import refuse_black
+from ..load.scene import Scene, load_scene
 from ..motion.aovs import Aovs, aovs_of, load_for_rays
-from ..motion.motion import Motion, read_motion
 from ..motion.moving_scene import MovingScene
 from ..options import RenderOptions
 from ..samples import hashed_seed, row_strips
-from ..scene.asked_groups import AskedGroups
+from ..scene.asked import AskedGroups
 from ..scene.light_groups import LightGroup, parts_of_light
+from ..scene.motion import Motion, read_motion
 from ..scene.parse_scene import SceneInput, parse
 from ..scene.parsed_scene import ParsedScene
-from ..scene.scene import Scene, load_scene
 from ..scene.scene_settings import bands_asked_for
 from ..variants import restores_variant
 from .grouped import render_light_groups

@@ -22,8 +22,8 @@ from ...optics.f_number_law import solid_angle_sr, transmittance
 from ...optics.intrinsics import View
 from ..light.bands import BANDWIDTH_NM, Bands, choose_bands
 from ..light.photons import electrons_per_irradiance
+from ..load.scene import view_of_sensor
 from ..scene.plugin_parameters import parameters_of
-from ..scene.scene import view_of_sensor
 from ..scene.scene_settings import SceneSettings, settings_from
 from ..variants import MitsubaObject, mitsuba
 

@@ -16,14 +16,12 @@ from numpy.typing import NDArray
 from ...core import InputError
 from ...sensor.expose import exposure_of_photons
 from ..light.photons import collected
-from ..passes.prepared import render
-from ..samples import hashed_seed
+from ..passes.prepared import render as render_light
 from ..scene.loaded_scene import LoadedView
-from ..scene.plugin_parameters import PluginParameters, parameters_of
+from ..scene.plugin_parameters import PluginParameters
 from ..variants import MitsubaObject, mitsuba
 
 RAW = "raw"  # of the parameter output
-BATCH = -3  # of the seeds of the sensors of a batch
 NO_DERIVATIVE = (
     'the digital numbers of a raw frame have no derivative; render the light, with a photosensor of output "bands" and '
     "without raw_frame, and take mitsuba_sensor.differentiable for the sensor behind it."
@@ -74,41 +72,19 @@ def _film_class(variant: str) -> MitsubaObject:
     base: MitsubaObject = mi.Film
 
     class RawFilm(base):  # type: ignore[misc]
-        """digital : the frame (H, W) [DN], once it is rendered.  aov_film : where an integrator ``aov`` around
-        raw_frame gathers its channels, until it has developed them."""
+        """digital : the frame (H, W) [DN], once it is rendered."""
 
         digital: NDArray[np.unsignedinteger] | None = None
-        aov_film: MitsubaObject = None
-
-        def hold(self, digital: NDArray[np.unsignedinteger]) -> None:
-            """Take a frame that was rendered."""
-            self.digital, self.aov_film = digital, None
 
         def prepare(self, aovs: Any) -> int:
-            """Called by an integrator that fills it with samples: only ``aov`` may, once there is a frame."""
-            if self.digital is None or not aovs:
-                way_out = "put the integrator of the scene into one, or leave output out for the light of each band"
-                raise InputError(
-                    f'a photosensor of output "raw" needs <integrator type="raw_frame">; {way_out}.'
-                )
-            exact = {"component_format": "float32", "rfilter": {"type": "box"}}
-            self.aov_film = mi.load_dict({"type": "hdrfilm", **_size_of(self), **exact})
-            return int(self.aov_film.prepare(aovs))
-
-        def create_block(self, *size: object) -> MitsubaObject:
-            """For the samples of an integrator ``aov``."""
-            return self.aov_film.create_block(*size)
-
-        def put_block(self, block: MitsubaObject) -> None:
-            """Samples of an integrator ``aov``."""
-            self.aov_film.put_block(block)
+            """Called by an integrator that fills it with samples, which it cannot hold."""
+            way_out = "put the integrator of the scene into one, or leave output out for the light of each band"
+            raise InputError(
+                f'a photosensor of output "raw" needs <integrator type="raw_frame">; {way_out}.'
+            )
 
         def develop(self, raw: bool = False) -> MitsubaObject:
-            """The raw frame, (H, W, 1) [DN]; it is the same whether raw or not. For an integrator ``aov``, once, the
-            channels that it has gathered."""
-            if self.aov_film is not None:
-                channels, self.aov_film = self.aov_film.develop(raw), None
-                return channels
+            """Return the raw frame, (H, W, 1) [DN], which is the same whether raw or not."""
             return mi.TensorXf(self._frame().astype(np.float32)[..., None])
 
         def bitmap(self, raw: bool = False) -> MitsubaObject:
@@ -128,13 +104,6 @@ def _film_class(variant: str) -> MitsubaObject:
         def clear(self) -> None:
             """Forget the frame."""
             self.digital = None
-
-        def base_channels_count(self) -> int:
-            """One, the digital numbers."""
-            return 1
-
-        def schedule_storage(self) -> None:
-            """Nothing waits."""
 
         def to_string(self) -> str:
             """For people."""
@@ -172,25 +141,20 @@ def _integrator_class(variant: str) -> MitsubaObject:
             develop: bool = True,
             evaluate: bool = True,
         ) -> MitsubaObject:
-            """The raw frame of a sensor, (H, W, 1) [DN], which its film holds too; those of a batch of sensors are side
-            by side. seed : of all noise."""
-            asked = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-            film = asked.film()
+            """Return the raw frame of a sensor, (H, W, 1) [DN], which its film holds too. seed : of all noise."""
+            chosen = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
+            film = chosen.film()
             if not hasattr(film, "digital"):
                 raise InputError(
                     'raw_frame renders a sensor with a <film type="photosensor"> of output "raw".'
                 )
-            samples, first_seed, frames = (
-                spp or int(asked.sampler().sample_count()),
-                int(np.ravel(seed)[0]),
-                [],
-            )
-            for number, part in enumerate(_sensors_of(asked)):
-                own_film = film if parameters_of(part.film()) is None else part.film()
-                view = LoadedView(scene, part, self.inner, own_film)
-                own_seed = hashed_seed(first_seed, BATCH, number) if number else first_seed
-                frames.append(_raw_frame_of(view, own_seed, samples))
-            film.hold(np.concatenate(frames, axis=1))
+            samples = spp or int(chosen.sampler().sample_count())
+            first_seed, view = int(np.ravel(seed)[0]), LoadedView(scene, chosen, self.inner)
+            light = render_light(view, seed=first_seed, spp=samples)
+            photons, camera, exposure, serial = collected(light, None, None, None, None)
+            seeds = {"serial": serial, "seed": first_seed}
+            exposed = exposure_of_photons(photons, camera, exposure, seeds)
+            film.digital = np.asarray(exposed.frames().digital[0])
             return film.develop()
 
         def render_forward(self, *scene: object, **options: object) -> MitsubaObject:
@@ -201,16 +165,6 @@ def _integrator_class(variant: str) -> MitsubaObject:
             """Whole numbers have no derivative."""
             raise InputError(NO_DERIVATIVE)
 
-        def sample(
-            self,
-            scene: MitsubaObject,
-            sampler: MitsubaObject,
-            ray: MitsubaObject,
-            *others: object,
-        ) -> tuple[MitsubaObject, bool, list[MitsubaObject]]:
-            """No light: the frame is there when an integrator ``aov`` around this one samples its channels."""
-            return mi.Spectrum(0.0), True, []
-
         def aov_names(self) -> list[str]:
             """None."""
             return []
@@ -220,33 +174,3 @@ def _integrator_class(variant: str) -> MitsubaObject:
             return f"RawFrame[{self.inner}]"
 
     return RawFrame
-
-
-def _raw_frame_of(view: LoadedView, seed: int, samples: int) -> NDArray[np.unsignedinteger]:
-    """The digital numbers of one picture, (H, W) [DN]."""
-    light = render(view, seed=seed, spp=samples)
-    photons, camera, exposure, serial = collected(light, None, None, None, None)
-    exposed = exposure_of_photons(photons, camera, exposure, {"serial": serial, "seed": seed})
-    return np.asarray(exposed.frames().digital[0])
-
-
-def _sensors_of(sensor: MitsubaObject) -> list[MitsubaObject]:
-    """The sensors side by side on the film of a batch, which Mitsuba shows to the callback of a traversal alone; of any
-    other sensor, itself. Raises InputError for a batch whose film has a crop."""
-    mi = mitsuba()
-    if sensor.class_name() != "BatchSensor":
-        return [sensor]
-    film = sensor.film()
-    if tuple(film.crop_size()) != tuple(film.size()):
-        raise InputError(
-            "the film of a batch of sensors has a crop, which raw_frame cannot divide; leave it out."
-        )
-    inside = list[MitsubaObject]()
-
-    class SensorsInside(mi.TraversalCallback):  # type: ignore[misc, name-defined]
-        def put(self, name: str, value: object, *_: object) -> None:
-            if isinstance(value, mi.Sensor):
-                inside.append(value)
-
-    sensor.traverse(SensorsInside())
-    return inside

@@ -1,6 +1,6 @@
-"""Scenes of Mitsuba: parsed, checked for what they ask of camera and exposure, changed, and loaded with our film.
+"""Scenes of Mitsuba before they are built: what a file, a dict or a loaded scene says, and what is asked to change.
 
 parse_scene.py makes a ParsedScene (parsed_scene.py) of a path, XML text, a dict or a loaded scene (loaded_scene.py);
-scene_settings.py reads camera, exposure and seeds of it; scene.py replaces its film and builds the Scene that is
-rendered, lens_sensor.py and its neighbours its sensor. plugin_names.py has the plugins, plugin_parameters.py ours.
+scene_settings.py reads camera, exposure and seeds of it, plugin_parameters.py declares them. asked.py checks options
+that change a scene, scene_edits.py applies them, motion.py reads what moves.
 """

@@ -16,7 +16,7 @@ from ...camera.camera import Camera
 from ...core import InputError, nearest
 from ..light.light_sum import OF_PHOTODIODES
 from ..variants import MitsubaObject, mitsuba
-from .asked_groups import GROUP_NAME, AskedGroups, refuse_many
+from .asked import GROUP_NAME, AskedGroups, refuse_many
 from .parsed_scene import ParsedScene
 
 OTHER = "other"

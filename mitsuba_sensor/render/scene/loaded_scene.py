@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core import InputError
 from ..variants import POLARIZED, MitsubaObject, is_polarized, mitsuba, values_of
-from .plugin_names import OWN_PLUGINS
+from .mitsuba_errors import OWN_PLUGINS
 from .plugin_parameters import parameters_of
 
 SENSOR, FILM, _ = OWN_PLUGINS
@@ -19,10 +19,6 @@ KINDS = {
     "PerspectiveCamera": "perspective",
     "ThinLensCamera": "thinlens",
     "OrthographicCamera": "orthographic",
-    "IrradianceMeter": "irradiancemeter",
-    "RadianceMeter": "radiancemeter",
-    "DistantSensorImpl": "distant",
-    "BatchSensor": "batch",
     "BoxFilter": "box",
     "TentFilter": "tent",
     "CatmullRomFilter": "catmullrom",
@@ -32,12 +28,6 @@ KINDS = {
 }
 """Classes of sensors, filters and films, and their types."""
 IMAGING = ("perspective", "thinlens", "orthographic", "camera")
-NO_IMAGE = {
-    "irradiancemeter": "measures the irradiance on its shape",
-    "radiancemeter": "measures the radiance along one ray",
-    "distant": "measures the radiance that leaves the scene in one direction",
-}
-"""Sensors of Mitsuba without a focal plane, and what they do."""
 NO_RADIANCE = ("DepthIntegrator", "ParticleTracerIntegrator")
 POLARISERS = ("LinearPolarizer", "CircularPolarizer", "LinearRetarder", "MeasuredPolarized")
 """Classes of materials that act on polarised light."""
@@ -63,14 +53,12 @@ LOADED_REMEDY = "pass the scene as a path, as XML text or as a dict"
 class LoadedView(NamedTuple):
     """A loaded scene and what one picture of it is made with.
 
-    integrator : or None for path.  film : whose parameters are those of our plugins, if any; that of the sensor, or of
-    the batch to which the sensor belongs.
+    integrator : or None for path.
     """
 
     scene: MitsubaObject
     sensor: MitsubaObject
     integrator: MitsubaObject
-    film: MitsubaObject
 
     def digest(self) -> str:
         """Of everything that its parts print and contain, whatever their order: that of the shapes is left to
@@ -92,7 +80,7 @@ def view_of_loaded(scene: Any, options: Mapping[str, Any]) -> LoadedView | None:
         sensors = [sensor for sensor in sensors if sensor.get_shape() is None] or sensors
         integrator = scene.integrator()
         inner = getattr(integrator, "inner", integrator)
-        view = LoadedView(scene, sensors[0], inner, sensors[0].film())
+        view = LoadedView(scene, sensors[0], inner)
     else:
         return None
     own, wanted = view.scene.variant_name(), options.get("variant") or mitsuba().variant()
@@ -134,27 +122,21 @@ def tree_of(view: LoadedView) -> dict[str, Any]:
                 f"shape {shape.id() or number!r} of the scene polarises light, which {own!r} does not follow; load it "
                 f"in {own + POLARIZED!r}, or {LOADED_REMEDY} and ignore_polarization=True for unpolarised light."
             )
-    return {"type": "scene", "sensor": _described(view.sensor, view.film)}
+    return {"type": "scene", "sensor": _described(view.sensor)}
 
 
 def why_no_image(kind: str) -> str:
-    """Why a sensor of this type cannot be rendered, and what can: the end of a sentence."""
-    if kind == "batch":
+    """Return why a sensor of this type cannot be rendered, and what to do: the end of a sentence."""
+    if kind.lower().startswith("batch"):
         return (
-            "'batch' puts several sensors on one film; move those of type perspective, thinlens or orthographic out of "
-            "it into the scene, and `--sensor all` takes a frame of each"
+            f"a {kind!r} puts several sensors on one film; move its sensors into the scene, and `--sensor all` takes a "
+            "frame of each"
         )
-    many = ", ".join(IMAGING)
-    if kind in NO_IMAGE:
-        return f"{kind!r} {NO_IMAGE[kind]} and takes no image; replace it by one of {many}"
-    return f"a sensor of type {kind!r} cannot be rendered; it must be one of {many}"
+    return f"a sensor of type {kind!r} takes no image; it must be one of {', '.join(IMAGING)}"
 
 
-def _described(sensor: MitsubaObject, of_plugins: MitsubaObject) -> dict[str, Any]:
-    """The parameters of a sensor and its film, from which they are built again.
-
-    of_plugins : film with the parameters of our plugins, if any; size and crop are those of the sensor's own film.
-    """
+def _described(sensor: MitsubaObject) -> dict[str, Any]:
+    """The parameters of a sensor and its film, from which they are built again."""
     mi, film = mitsuba(), sensor.film()
     kind = KINDS.get(sensor.class_name(), sensor.class_name())
     if kind not in IMAGING:
@@ -171,7 +153,7 @@ def _described(sensor: MitsubaObject, of_plugins: MitsubaObject) -> dict[str, An
     own: dict[str, Any] = dict(zip(("width", "height"), size, strict=True))
     if crop != size:
         own |= dict(zip(CROP, crop + offset, strict=True))
-    parameters = parameters_of(of_plugins)
+    parameters = parameters_of(film)
     if parameters is None:
         rfilter = {"type": KINDS.get(film.rfilter().class_name(), "gaussian")}
         film_kind = KINDS.get(film.class_name(), "hdrfilm")

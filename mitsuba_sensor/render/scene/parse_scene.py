@@ -19,10 +19,9 @@ import numpy as np
 
 from ...core import Float64Array, InputError, nearest
 from ...core.options import complete, part_of
-from ...files.scene_xml import require_scene_file, require_shallow
+from ...files.scene_xml import require_bounded, require_scene_file
 from ...files.shipped_scenes import SCENE, shipped_file
-from ..motion.motion import Motion, read_motion, rigid
-from ..options import FileOptions
+from ..options import RenderOptions
 from ..variants import (
     MitsubaObject,
     Variant,
@@ -33,10 +32,17 @@ from ..variants import (
     use,
 )
 from .loaded_scene import LOADED, LOADED_REMEDY, LoadedView, digest_of, tree_of, view_of_loaded
+from .mitsuba_errors import (
+    OWN_PLUGINS,
+    gradient_integrators,
+    mitsuba_errors,
+    old_version,
+    refuse_foreign_plugins,
+    searching,
+)
+from .motion import Motion, read_motion, rigid
 from .parsed_scene import ParsedScene
-from .plugin_names import OWN_PLUGINS, gradient_integrators, refuse_foreign_plugins, remedy_for
 from .scene_edits import BLOCK_SIDE, SceneEdits
-from .scene_errors import mitsuba_errors, old_version, searching
 
 SceneInput: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | MitsubaObject
 """A path, XML text, a dict as for mi.load_dict, a mi.Scene."""
@@ -48,7 +54,7 @@ KEPT_BY_INTEGRATORS = ("max_depth", "rr_depth", "hide_emitters")
 def parse(scene: SceneInput, options: Mapping[str, Any]) -> ParsedScene:
     """Parse a scene, and set the variant. options : those of :class:`render.options.SceneOptions`, or some of them.
     Raises InputError."""
-    chosen = complete(FileOptions, part_of(FileOptions, options))
+    chosen = complete(RenderOptions, part_of(RenderOptions, options))
     parameters = chosen["parameters"]
     if parameters is not None and not isinstance(parameters, Mapping):
         raise InputError(
@@ -71,7 +77,7 @@ def parse(scene: SceneInput, options: Mapping[str, Any]) -> ParsedScene:
             given = f"an array of shape {tuple(shape)}, of which light_from_rgb or collect makes light"
         raise InputError(f"scene is {given}; pass {kinds}, e.g. 'cornell_box'.")
     ignored = bool(chosen["ignore_polarization"])
-    parsed = replace(parsed, ignore_polarization=ignored, edits=SceneEdits.of(options))
+    parsed = replace(parsed, ignore_polarization=ignored, edits=SceneEdits.of(chosen))
     if chosen["integrator"] is not None:
         parsed = _with_integrator(parsed, chosen["integrator"])
     return parsed.with_sensor(cast(str | None, chosen["sensor"]))
@@ -96,7 +102,6 @@ def _of_xml(
         require_scene_file(os.fspath(place))
         path = Path(place)
         text = path.read_text(encoding="utf-8", errors="replace")
-    require_shallow(text, path)
     names = _parameter_names(text)
     unknown = [name for name in values if name not in names]
     if unknown and "<include" not in text:  # names in included files are left to Mitsuba
@@ -106,6 +111,7 @@ def _of_xml(
         )
     beside = type(mi.file_resolver())(mi.file_resolver())
     beside.prepend(str(path.resolve().parent))
+    require_bounded(text, path, values, lambda name: str(beside.resolve(name)))
     used = dict(values)
     if "$exposure_s" not in text:  # no element need use it, which Mitsuba refuses
         used.pop("exposure_s", None)
@@ -143,7 +149,9 @@ def _of_xml(
     )
 
 
-def _of_dict(given: Mapping[str, Any], options: FileOptions, variant: Variant) -> ParsedScene:
+def _of_dict(
+    given: Mapping[str, Any], options: Mapping[str, Any], variant: Variant
+) -> ParsedScene:
     """A dict as for mi.load_dict."""
     if given.get("type") != "scene":
         raise InputError(
@@ -190,7 +198,7 @@ def _of_tree(
     with mitsuba_errors(path):
         state = mi.parser.parse_dict(config, plain)
         refuse_foreign_plugins(str(path), state, resolver)  # before any plugin is built
-        _know_types(path, state)
+        _know_types(state)
         mi.parser.transform_resolve(config, state)
     parsed = ParsedScene(path, variant, config, state, resolver, content=content.encode())
     for key, node in parsed.children(parsed.root, "Sensor"):
@@ -200,29 +208,24 @@ def _of_tree(
     return parsed
 
 
-def _know_types(path: Path, state: MitsubaObject) -> None:
-    """Types of elements that Python has registered: in XML they are known by the tag. Raises InputError for a type that
-    no plugin has; Mitsuba itself says so when it builds the scene."""
+def _know_types(state: MitsubaObject) -> None:
+    """Give elements that Python has registered their types: in XML they are known by the tag. Raises RuntimeError for a
+    type that no plugin has."""
     mi = mitsuba()
-    kinds = dict.fromkeys(gradient_integrators(), mi.ObjectType.Integrator)
     of_sensor, of_film, of_frame = OWN_PLUGINS
+    kinds = dict.fromkeys([*gradient_integrators(), of_frame], mi.ObjectType.Integrator)
     kinds |= {of_sensor: mi.ObjectType.Sensor, of_film: mi.ObjectType.Film}
-    kinds[of_frame] = mi.ObjectType.Integrator
     for node in state.nodes:
-        kind = node.props.plugin_name()
         if node.type != mi.ObjectType.Unknown:
             continue
-        if kind in kinds:
-            node.type = kinds[kind]
-            continue
+        kind = node.props.plugin_name()
+        node.type = kinds.get(kind, node.type)
         try:
-            mi.load_dict({"type": kind})
-        except RuntimeError as error:
+            if kind not in kinds:
+                mi.load_dict({"type": kind})
+        except RuntimeError as error:  # else it lacks parameters here
             if f'Plugin "{kind}" not found' in str(error):
-                place = mi.parser.file_location(state, node).removeprefix("dictionary ")
-                raise InputError(
-                    f"scene {str(path)!r}, {place}: there is no plugin {kind!r}{remedy_for(kind)}"
-                ) from None
+                raise
 
 
 def _leaves(tree: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:

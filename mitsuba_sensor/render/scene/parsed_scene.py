@@ -26,8 +26,8 @@ from ..variants import (
     use,
 )
 from .loaded_scene import LoadedView
+from .mitsuba_errors import mitsuba_errors, searching
 from .scene_edits import SceneEdits
-from .scene_errors import mitsuba_errors, searching
 from .scene_settings import (
     FILM,
     FILM_FIELDS,
@@ -189,8 +189,8 @@ class ParsedScene:
             if not 1 <= width <= columns:
                 what = "crop window" if "crop_width" in whole else "film"
                 raise InputError(
-                    f"width is {width!r}; it must be a whole number from 1 to the {what}'s own {columns}"
-                    f"{self._larger_film(whole, width / columns)}."
+                    f"width is {width!r}; it must be a whole number from 1 to the {what}'s own {columns}; a larger "
+                    "picture needs a larger film in the scene (-D width=… -D height=… where it has these parameters)."
                 )
             size = {
                 name: max(round(pixels * width / columns), 0 if "offset" in name else 1)
@@ -207,18 +207,6 @@ class ParsedScene:
                 "crop of it or --width fewer."
             )
         return size
-
-    def _larger_film(self, whole: Mapping[str, int], factor: float) -> str:
-        """How the film of the scene becomes larger by a factor: the end of a sentence; empty for a smaller one."""
-        if factor <= 1:
-            return ""
-        width, height = (round(whole[name] * factor) for name in ("width", "height"))
-        if {"width", "height"} <= {*self.parameters}:
-            return (
-                f"; a larger film is -D width={width} -D height={height} "
-                f"(parameters={{'width': {width}, 'height': {height}}})"
-            )
-        return f"; give the film in the scene a width of {width} and a height of {height}"
 
     def film_area(
         self, camera: Camera, width: int | None

@@ -10,7 +10,7 @@ import json
 from typing import Any, NamedTuple
 
 from ..variants import MitsubaObject
-from .plugin_names import OWN_PLUGINS
+from .mitsuba_errors import OWN_PLUGINS
 
 _, FILM, _ = OWN_PLUGINS
 

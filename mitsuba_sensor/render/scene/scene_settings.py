@@ -21,7 +21,7 @@ from ...sensor.metering import Metering
 from ..light.bands import BANDWIDTH_NM, SPECTRAL, Bands, choose_bands
 from ..options import RenderOptions
 from ..variants import MitsubaObject, mitsuba
-from .plugin_names import OWN_PLUGINS
+from .mitsuba_errors import OWN_PLUGINS
 from .plugin_parameters import (
     EXPOSURE_PARAMETERS,
     FILM_PARAMETERS,

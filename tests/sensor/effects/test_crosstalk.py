@@ -10,7 +10,6 @@ import scipy.ndimage
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.camera.colour_matrix import colour_matrix, standard_light
 
 BASE = ms.load_camera("konnik_table1")
 BAYER = ms.load_camera("bayer_2mp")
@@ -98,58 +97,6 @@ def test_the_colours_of_a_flat_field_behind_a_bayer_mosaic_mix_in_closed_form(
     )
 
 
-REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "too much": ({MIXING: (1.1 * LOPSIDED).tolist()}, "adds up to 1.0527, .*1, or less"),
-    "two rows": ({MIXING: [[0.1, 0.9], [0.0, 0.0]]}, "rows of 2, 2 shares; it must be 3 rows"),
-    "seven": ({MIXING: np.pad(LOPSIDED, 2).tolist()}, "it must be 3 rows of 3 or 5 rows of 5"),
-    "shifted": ({MIXING: np.roll(LOPSIDED, 1, 0).tolist()}, "the share in the middle must"),
-    "dark": ({MIXING: np.zeros((3, 3)).tolist()}, "the share in the middle must"),
-    "negative": ({MIXING: (-LOPSIDED).tolist()}, "at least 0"),
-    "unknown": ({f"{MIXING}_from": {"X": LOPSIDED.tolist()}}, "names 'X', which has no curve"),
-    "twice": (
-        {f"{MIXING}_from": {"mono": LOPSIDED.tolist()}, MIXING: LOPSIDED.tolist()},
-        "give either crosstalk or crosstalk_from",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_impossible_kernels_are_refused_with_the_way_out(case: str) -> None:
-    fields, said = REFUSED[case]
-    with pytest.raises(ms.InputError, match=said):
-        BASE.replace(**fields)
-
-
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"quantum_efficiency.crosstalk_from": {"R": LOPSIDED.tolist()}},
-        {MIXING: LOPSIDED.tolist()},
-        {"quantum_efficiency.diffusion_um": 2.0},
-    ],
-)
-def test_white_is_white_in_frames_with_crosstalk(values: dict[str, Any]) -> None:
-    """The white balance of the camera makes the electrons of a white flat field equal behind all filters, as it did
-    without crosstalk; the curves alone leave them 1 % apart or more.
-    """
-    if "quantum_efficiency.diffusion_um" in values:
-        points = BAYER.quantum_efficiency.wavelengths_nm
-        values = {"quantum_efficiency.diffusion_um": list(np.linspace(0.5, 2.0, len(points)))}
-    light = standard_light(BAYER, "D65")
-    photons = ms.Photons(
-        np.broadcast_to(light.power * light.wavelengths_nm, (8, 8, light.power.size)),
-        light.wavelengths_nm,
-    )
-    off = []
-    for camera in (BAYER.replace(**values), BAYER):
-        balance = colour_matrix(camera, light).white_balance
-        collected = mean_e(BAYER.replace(**values), photons)
-        filters = BAYER.filter_index((8, 8))
-        white = [balance[k] * collected[filters == k].mean() for k in range(3)]
-        off.append(max(white) / min(white) - 1)
-    assert off[0] < 1e-6 and off[1] > 0.01
-
-
 def readout_means_e(camera: ms.Camera, light: ms.Photons, **options: Any) -> dict[str, Any]:
     """Mean photoelectrons by read-out."""
     frames = ms.expose(light, camera, SHORT, precision="float64", **options)
@@ -168,29 +115,3 @@ def test_the_small_photodiode_of_a_split_pixel_has_a_crosstalk_of_its_own(large:
     for name, kernel in kernels.items():
         expected = scipy.ndimage.convolve(alone[name], kernel, mode="mirror")
         np.testing.assert_allclose(mixed[name], expected, rtol=1e-12)
-
-
-def test_a_small_photodiode_may_keep_its_electrons_or_let_them_diffuse() -> None:
-    """A kernel of 1 in the middle; and diffusion, as that of its camera alone, whose sensitivity is in its QE."""
-    photons = np.random.default_rng(6).uniform(0.0, 3e5, (20, 24, 1))
-    light = ms.Photons(photons, wavelengths_nm=np.array([530.0]))
-    alone, keeps = np.diag([0.0, 1.0, 0.0]).tolist(), readout_means_e(SPLIT, light)["small"]
-    mixed = readout_means_e(split_pixel(LOPSIDED.tolist(), crosstalk=alone), light)
-    np.testing.assert_allclose(mixed["small"], keeps, rtol=1e-12)
-    sigma_um = [1.5] * len(SPLIT.quantum_efficiency.wavelengths_nm)
-    camera = split_pixel(LOPSIDED.tolist(), diffusion_um=sigma_um)
-    spread = readout_means_e(camera, light)["small"]
-    assert np.abs(spread / keeps - 1).max() > 0.05
-    small = camera.at_readout("small")
-    assert small.quantum_efficiency.crosstalk is None
-    np.testing.assert_allclose(spread, mean_e(small, light), rtol=1e-12)
-    assert ms.load_camera(camera.to_toml()) == camera
-
-
-def test_crosstalk_belongs_to_a_photodiode_and_not_to_a_second_gain() -> None:
-    readouts = [readout.model_dump() for readout in SPLIT.readouts]
-    readouts[1]["fields"][MIXING] = SMALL.tolist()
-    with pytest.raises(ms.InputError, match="which a read-out of 'charge' has as the camera"):
-        SPLIT.replace(readouts=readouts)
-    with pytest.raises(ms.InputError, match=r"adds up to 1\.2"):
-        split_pixel(crosstalk=(1.25 * SMALL).tolist())

@@ -22,11 +22,6 @@ def cross(own: float, sides: float, corners: float) -> list[list[float]]:
     return [[corners, sides, corners], [sides, own, sides], [corners, sides, corners]]
 
 
-def lines(own: float, above: float, left: float, corners: float) -> list[list[float]]:
-    """Above and below another share than left and right."""
-    return [[corners, above, corners], [left, own, left], [corners, above, corners]]
-
-
 PAIRS = {
     "R": {"R": cross(0.9, 0, 0), "G": cross(0, 0.02, 0), "B": cross(0, 0, 0.003)},
     "G": {"G": cross(0.88, 0, 0.004), "R": cross(0, 0.03, 0), "B": cross(0, 0.015, 0)},
@@ -109,43 +104,3 @@ def test_a_flat_field_and_the_colour_matrix_mix_the_filters_in_closed_form(
     day = standard_light(BAYER, "D65")
     white = [colour_matrix(camera, day).white_balance for camera in (MIXED, BAYER)]
     assert np.abs(np.subtract(*white)).max() > 0.01
-
-
-REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "too much": (
-        {"G": PAIRS["G"] | {"R": cross(0, 0.08, 0)}},
-        r"crosstalk_pairs\.G of the pixel at \[\d, \d\] of the tile adds up to 1.086, .* 1, or less",
-    ),
-    "of one line alone": (
-        {"G": PAIRS["G"] | {"R": lines(0, 0.001, 0.1, 0)}},
-        r"of the pixel at \[0, 1\] of the tile adds up to 1.126",
-    ),
-    "unknown source": ({"X": PAIRS["R"]}, "crosstalk_pairs names 'X', which has no curve"),
-    "unknown receiver": ({"R": PAIRS["R"] | {"X": cross(0, 0.01, 0)}}, r"\.R names 'X', which"),
-    "nothing kept": (
-        {"R": {"G": cross(0, 0.02, 0)}},
-        r"\.R has no 'R', and so its pixels would",
-    ),
-    "brighter neighbour": (
-        {"R": PAIRS["R"] | {"R": cross(0.01, 0, 0)}},
-        r"gives 0.01 to the pixel itself and 0.02 to another",
-    ),
-    "no receiver": (
-        {"R": PAIRS["R"] | {"B": cross(0, 0.01, 0)}},
-        r"\.R\.B has a share in row -1 and column \+0 from the pixel, where none behind B lies",
-    ),
-    "middle": (
-        {"R": PAIRS["R"] | {"G": cross(0.1, 0.02, 0)}},
-        r"\.R\.G has a share in row \+0 and column \+0 from the pixel, where none behind G",
-    ),
-    "rows": ({"R": {"R": [[0.9]]}}, "it must be 3 rows of 3 or 5 rows of 5"),
-    "negative": ({"R": {"R": cross(-0.9, 0, 0)}}, "at least 0"),
-    "empty": ({"R": {}}, "must have at least 1 item"),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_impossible_pairs_are_refused_with_the_way_out(case: str) -> None:
-    pairs, said = REFUSED[case]
-    with pytest.raises(ms.InputError, match=said):
-        BAYER.replace(**{PAIRS_FIELD: pairs})

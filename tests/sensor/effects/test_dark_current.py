@@ -13,27 +13,21 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.core.units import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C
 from mitsuba_sensor.stages.chain import chain
-from mitsuba_sensor.stages.dark_components import DarkComponent
 from mitsuba_sensor.stages.dark_current_models import (
     Doubling,
     FigureOfMerit,
     Measured,
     Mpp,
-    arrhenius,
     band_gap_ev,
 )
 from mitsuba_sensor.stages.effects.dark_current import (
     DarkCurrent,
-    dark_components,
     dark_current_model,
 )
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
-FAMILIES = ["gaussian", "lognormal", "gamma", "wald", "logistic", "ar"]
 SHAPE = (300, 500)
-WIDER = {"ar": (2.6, 1.62), "logistic": (1.0, 1.27), "lognormal": (1.0, 1.05)}
-"""Standard errors of mean and σ over those of white normals: AR neighbours (a = 0.25) are alike, the others' tails."""
 
 
 def dark_stage(camera: ms.Camera) -> DarkCurrent:
@@ -46,30 +40,6 @@ def dark_map(camera: ms.Camera, time_s: float, shape: tuple[int, int] = SHAPE) -
     return np.broadcast_to(
         dark_stage(camera).sample(ms.Electrons(np.zeros(shape)), frame).dark, shape
     )
-
-
-@pytest.mark.parametrize("time_s", [1e-3, 1.0, 600.0])
-@pytest.mark.parametrize("family", FAMILIES)
-def test_the_dark_current_fpn_has_mean_t_d_and_sigma_t_d_d_n_at_every_time(
-    family: str, time_s: float
-) -> None:
-    """D = 2027.87 e-/s, D_N = 10 %. 150 000 pixels within 5 se: 0.13 % of D, 1 % of σ.
-
-    (The paper's 1 + lnN(0, (t·D·D_N)²) has a mean that grows with the square of the time, and overflows at 10 s.)
-    """
-    coupling = 0.25 if family == "ar" else 0.0
-    camera = TABLE1.replace(
-        **{
-            "dark_current.distribution": family,
-            "dark_current.cv": 0.1,
-            "dark_current.coupling": coupling,
-        }
-    )
-    expected = 2027.87 * time_s
-    x = dark_map(camera, time_s)
-    mean_error, sigma_error = WIDER.get(family, (1.0, 1.0))
-    assert x.mean() == pytest.approx(expected, rel=5 * 0.1 * mean_error / math.sqrt(x.size))
-    assert x.std() == pytest.approx(0.1 * expected, rel=5 * sigma_error / math.sqrt(2 * x.size))
 
 
 K = gain_dn_per_e(TABLE1)
@@ -192,25 +162,6 @@ def test_a_doubling_temperature_doubles() -> None:
         )
 
 
-def test_components_of_the_datasheet_reach_the_stage() -> None:
-    """Their numbers are of their own temperature, else of that of the rate, else of 300 K."""
-    for change, kelvin in (({}, 300.0), ({"dark_current.at_temperature_k": 293.15}, 293.15)):
-        assert dark_components(TABLE1.replace(**LONG | change)) == (
-            DarkComponent(
-                0.001, "uniform", 45.0, 440.0, pytest.approx(1 / K), False, kelvin, 0.56
-            ),
-        )
-    own = HOT | {"at_temperature_k": 310.0, "activation_ev": 0.6}
-    (part,) = dark_components(TABLE1.replace(**{"dark_current.components": [own]}))
-    assert part == DarkComponent(0.01, "uniform", 5e3, 3e4, 1.0, True, 310.0, 0.6)
-    assert (
-        dark_components(TABLE1.replace(**{"dark_current.components": [HOT]}))[
-            0
-        ].at_temperature_k
-        == 300.0
-    )
-
-
 @pytest.mark.parametrize("unit", ["e_per_s", "e", "dn"])
 def test_hot_pixels_cool_with_their_activation_energy_in_every_unit(unit: str) -> None:
     """0.56 eV: 1.98e-5 of it at 200 K, 7.8e-15 at 120 K. Of 1000 pixels above 400 e- none is left; for 0 eV all are.
@@ -230,14 +181,3 @@ def test_hot_pixels_cool_with_their_activation_energy_in_every_unit(unit: str) -
     assert count[0.56, 200.0] == count[0.56, 120.0] == count[0.56, 0.0] == 0
     factor = math.exp(0.56 / BOLTZMANN_EV_PER_K * (1 / 300 - 1 / 200))
     np.testing.assert_allclose(dark[0.56, 200.0], factor * dark[0.56, 300.0], rtol=1e-12)
-
-
-@pytest.mark.parametrize("kelvin", [0.0, 5e-324, 1e-9, 50.0, 1e4])
-@pytest.mark.parametrize("at", [50.0, 300.0, 1e4])
-@pytest.mark.parametrize("energy", [0.0, 0.56, 2.0])
-def test_the_arrhenius_law_is_finite_at_every_temperature_and_one_at_its_own(
-    kelvin: float, at: float, energy: float
-) -> None:
-    assert 0 <= arrhenius(kelvin, at, energy) <= 1.0001e30
-    assert arrhenius(at, at, energy) == 1.0
-    assert arrhenius(0.0, at, 0.56) == 0.0

@@ -96,27 +96,3 @@ def test_bands_of_a_colour_camera_mix_each_by_its_own_way() -> None:
     bands = range(3)
     parts = [collected(mixed, ms.Photons(light[..., k : k + 1], nm[k : k + 1])) for k in bands]
     np.testing.assert_allclose(whole, sum(parts), rtol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("fields", "sentence"),
-    [
-        ({DIFFUSION: [1.0]}, "diffusion_um has 1 values for 2 wavelengths_nm"),
-        ({DIFFUSION: [1.0, 9.0]}, "diffusion_um is up to 9, 2.25 pixels of 4 µm"),
-        (
-            {
-                DIFFUSION: [1.0, 1.0],
-                "quantum_efficiency.crosstalk": [[0, 0, 0], [0, 1, 0], [0, 0, 0]],
-            },
-            "give either crosstalk or diffusion_um, and not both",
-        ),
-        (
-            {DIFFUSION: [1.0, 1.0], "quantum_efficiency.quantum_yield": [2.0, 1.0]},
-            "give either diffusion_um or quantum_yield",
-        ),
-    ],
-)
-def test_a_wrong_value_gets_a_sentence(fields: dict[str, object], sentence: str) -> None:
-    with pytest.raises(ms.InputError) as refused:
-        BASE.replace(**fields)
-    assert sentence in str(refused.value)

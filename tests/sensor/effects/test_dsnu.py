@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.dsnu import DsnuColumn, DsnuPixel, DsnuRow
 from mitsuba_sensor.stages.effects.prnu import PrnuColumn
 
@@ -51,54 +49,6 @@ def volts(camera: ms.Camera, light: Any, **how: Any) -> Any:
     return ms.expose(light, camera, EXPOSURE, keep=["volts"], precision="float64", **how).volts
 
 
-@pytest.mark.parametrize("name", SOURCES)
-def test_offsets_are_the_same_on_every_image_and_on_every_frame(name: str) -> None:
-    """With and without the source, on a constant and on a ramp image: the difference is one map, to 1e-15 V.
-
-    (The paper's misprinted eq. 28 recurses on the image.) The other noises are bit-identical, so they drop out.
-    """
-    change, kind = SOURCES[name]
-    camera, without = camera_with(change), camera_with({})
-    per_e = 5e-6
-    expected = per_e * ms.fpn_maps(camera, SHAPE, precision="float64")[name.split()[-1]]
-    assert expected.std() > 0
-    ramp = np.broadcast_to(np.linspace(0, 40_000, SHAPE[1]), SHAPE)
-    for light in (np.zeros(SHAPE), np.full(SHAPE, 20_000.0), ramp):
-        for serial, seed in ((1, 1), (1, 2)):
-            how: dict[str, Any] = {"serial": serial, "seed": seed, "frames": 2}
-            offset = volts(camera, light, **how) - volts(without, light, **how)
-            np.testing.assert_allclose(
-                offset, np.broadcast_to(expected, offset.shape), atol=1e-15
-            )
-    assert not np.array_equal(
-        ms.fpn_maps(camera, SHAPE, serial=2, precision="float64")[name.split()[-1]],
-        expected / per_e,
-    )
-    assert any(isinstance(stage, kind) for stage in chain(camera))
-
-
-@pytest.mark.parametrize("coupling", one_in(2, [0.0, 0.25, 0.45]))
-@pytest.mark.parametrize("kind", [DsnuColumn, DsnuRow, PrnuColumn])
-def test_lines_have_the_sigma_asked_for_at_every_coupling(kind: Any, coupling: float) -> None:
-    """100 000 lines, σ within 5 standard errors (1.1 % of σ for white lines, 2.5 % at a = 0.45), ρ₁ = 2a within 0.015.
-
-    Without the division by (1 − 4a²)^(−3/4) the coupled ones would be 24 % and 250 % too strong.
-    """
-    n = 100_000
-    window = SensorWindow(3, (n, 1) if kind is DsnuRow else (1, n))
-    stage = PrnuColumn(0.002, coupling) if kind is PrnuColumn else kind(33.0, 5e-6, coupling)
-    (values,) = stage.fpn_maps(window).values()
-    assert values.shape == window.shape
-    mean, sigma = (1.0, 0.002) if kind is PrnuColumn else (0.0, 33.0)
-    x = (values.ravel() - mean) / sigma
-    rho = 2 * coupling
-    blocks = x.reshape(100, -1)
-    assert abs(x.mean()) < 5 * blocks.mean(axis=1).std(ddof=1) / 10
-    assert abs((blocks**2).mean() - 1) < 5 * (blocks**2).mean(axis=1).std(ddof=1) / 10
-    products = blocks[:, 1:] * blocks[:, :-1]
-    assert abs(products.mean() - rho) < 5 * products.mean(axis=1).std(ddof=1) / 10
-
-
 @pytest.mark.parametrize("residual", [0.0, 0.25, 1.0])
 def test_the_analogue_cds_leaves_its_share_of_dsnu_col_and_dsnu_pixel_and_all_of_dsnu_row(
     residual: float,
@@ -113,17 +63,6 @@ def test_the_analogue_cds_leaves_its_share_of_dsnu_col_and_dsnu_pixel_and_all_of
         np.testing.assert_allclose(left, share * (volts(whole, dark) - none), atol=1e-15)
         if share == 0:
             np.testing.assert_array_equal(left, 0.0)
-
-
-def test_prnu_col_multiplies_the_swing_and_leaves_darkness_alone() -> None:
-    """The ratio of two levels less darkness is the gain, per column, whatever the light."""
-    frame = ms.Frame(EXPOSURE, SensorWindow(3, SHAPE))
-    stage = PrnuColumn(0.01)
-    gain = stage.fpn_maps(frame.window)["prnu_col"]
-    swing = np.linspace(0, 0.165, SHAPE[0] * SHAPE[1]).reshape(SHAPE)
-    np.testing.assert_array_equal(stage.sample(swing, frame), swing * gain)
-    np.testing.assert_array_equal(stage.sample(np.zeros(SHAPE), frame), 0.0)
-    assert gain.shape == (1, SHAPE[1])
 
 
 def test_the_four_patterns_of_one_camera_are_independent() -> None:
@@ -144,48 +83,3 @@ def test_the_four_patterns_of_one_camera_are_independent() -> None:
 
 
 # The paper's CDS (4.9): subtract a frame, in signed numbers.
-
-NOISY = {
-    "readout.dsnu_col": 0.002, "readout.dsnu_row": 0.001, "pixel.dsnu_e": 20.0, "readout.reset": "hard",
-    "adc.bits": 14,
-}  # fmt: skip
-
-
-def test_identical_fixed_patterns_cancel_to_nothing_in_a_difference_of_frames() -> None:
-    """Two frames of one serial without temporal noise: dark − dark is 0 everywhere, and no code wraps below 0.
-
-    Darkness at no exposure has no shot noise; without read noise only the offsets are left, and they are the same.
-    """
-    camera = TABLE1.replace(
-        **NOISY, **{"readout.ktc_residual": 0.0, "source_follower.white_nv_per_rthz": 0.0}
-    )
-    one, other = ms.expose(np.zeros(SHAPE), camera, ms.Exposure(0.0), frames=2).digital.astype(
-        np.int64
-    )
-    assert one.std() > 10
-    np.testing.assert_array_equal(one - other, 0)
-    stranger = (
-        ms.expose(np.zeros(SHAPE), camera, ms.Exposure(0.0), serial=2)
-        .digital[0]
-        .astype(np.int64)
-    )
-    assert (one - stranger).min() < 0 < (one - stranger).max()
-
-
-def test_subtracting_a_zero_exposure_frame_removes_the_offsets_and_adds_the_temporal_variance() -> (
-    None
-):
-    """Two equal dark frames: std of the difference is √2 of one frame's temporal std (5 se of 60 000 pixels: 1.4 %)."""
-    camera = TABLE1.replace(**NOISY)
-    shape = (200, 300)
-    frames = ms.expose(np.zeros(shape), camera, ms.Exposure(0.0), frames=2)
-    one, zero = frames.digital.astype(np.int64)
-    stages = {line["name"]: line for line in frames.report["stages"]}
-    sigma = stages["ADC"]["sigma_temporal_expected"]
-    difference = one - zero
-    assert difference.min() < 0 < difference.max()
-    assert difference.std() == pytest.approx(
-        math.sqrt(2) * sigma, rel=5 / math.sqrt(2 * one.size)
-    )
-    assert abs(difference.mean()) < 5 * math.sqrt(2) * sigma / math.sqrt(one.size)
-    assert one.std() > 1.3 * sigma

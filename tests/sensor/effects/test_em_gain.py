@@ -61,16 +61,16 @@ def test_the_excess_noise_is_that_of_a_branching_process(gain: float, elements: 
 
 @pytest.mark.parametrize("electrons", one_in(3, [1, 2, 3]))
 def test_the_law_of_few_electrons_is_near_that_of_the_register(electrons: int) -> None:
-    """Kolmogorov distance below 0.01 of 10^5 electrons that are multiplied element by element; chance alone makes more
-    than 0.0073 once in 100."""
+    """Kolmogorov distance below 0.02 of 20 000 electrons that are multiplied element by element; chance alone makes
+    more than 0.0163 once in 100."""
     random, chance = np.random.default_rng(6), GAIN ** (1 / ELEMENTS) - 1
-    register = np.full(100_000, electrons)
+    register = np.full(20_000, electrons)
     for _ in range(ELEMENTS):
         register = register + random.binomial(register, chance)
-    sampled = behind(np.full((400, 250), float(electrons)), EmGain(GAIN, ELEMENTS))
-    assert scipy.stats.ks_2samp(register, sampled.ravel()).statistic < 0.01
+    sampled = behind(np.full((200, 100), float(electrons)), EmGain(GAIN, ELEMENTS))
+    assert scipy.stats.ks_2samp(register, sampled.ravel()).statistic < 0.02
     gamma = scipy.stats.gamma(electrons, scale=GAIN)
-    assert scipy.stats.kstest(sampled.ravel(), gamma.cdf).statistic < 0.01
+    assert scipy.stats.kstest(sampled.ravel(), gamma.cdf).statistic < 0.02
 
 
 def behind(
@@ -174,25 +174,3 @@ def test_clean_frame_and_its_variance_are_near_the_frames(
         1.0, abs=off + 0.01
     )  # what 32 frames of a lattice lack
     assert abs(codes.mean() - frames.clean.mean()) < 0.004 * sigma
-
-
-REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "elements": ({"readout.em_gain": 300.0}, "em_stages is missing; give the elements"),
-    "too few": (
-        {"readout.em_gain": 300.0, "readout.em_stages": 4},
-        "at most doubles the electrons; take a gain up to 16",
-    ),
-    "less": ({"readout.em_gain": 0.5}, "at least 1"),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_impossible_registers_are_refused_with_the_way_out(case: str) -> None:
-    fields, said = REFUSED[case]
-    with pytest.raises(ms.InputError, match=said):
-        BASE.replace(**fields)
-
-
-def test_switching_off_by_name_says_which_field_to_set() -> None:
-    with pytest.raises(ms.InputError, match=r"is no noise source; set readout\.em_gain to 1"):
-        EMCCD.without("EM gain")

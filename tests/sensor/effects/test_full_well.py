@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 from helpers.engines import backend_of
@@ -25,11 +23,6 @@ def test_the_full_well_is_cut_exactly_and_conserves_what_fits(full_well_e: float
     after = FullWell(full_well_e).sample(ms.Electrons(light, dark), SMALL)
     np.testing.assert_array_equal(after.total, np.minimum(light + dark, full_well_e))
     assert (after.light >= 0).all() and (after.dark >= 0).all()
-
-
-WIDE_KNEE = ms.load_camera("konnik_table1").replace(
-    **{"adc.full_scale_v": 0.25, "pixel.full_well_knee_e": 1500.0}
-)
 
 
 @pytest.mark.parametrize("engine", ["numpy", "drjit"])
@@ -55,21 +48,3 @@ def test_electrons_that_come_and_go_one_by_one_have_its_mean_and_variance(
     error_e = 5 * np.sqrt((counts.var() + sampled.var()) / pixels)
     assert sampled.mean() == pytest.approx(counts.mean(), abs=error_e + 0.5)
     assert sampled.var() == pytest.approx(counts.var(), rel=5 * np.sqrt(4 / pixels) + 0.03)
-
-
-@pytest.mark.parametrize("well_e", [1e3, 1e5, 1e8])
-def test_the_widest_knee_leaves_an_empty_well_as_it_is(well_e: float) -> None:
-    """Of 5 e- nothing overflows, and nothing makes noise: less than 1e-6 of the knee."""
-    knee_e = 0.07 * well_e
-    camera = WIDE_KNEE.replace(
-        **{"pixel.full_well_e": well_e, "pixel.full_well_knee_e": knee_e}
-    )
-    stage = next(one for one in camera.stages if isinstance(one, SoftFullWell))
-    wide = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (200, 200)))
-    held = stage.sample(ms.Electrons(np.full((200, 200), 5.0)), wide).total
-    assert held.mean() == pytest.approx(5.0, abs=1e-6 * knee_e + 5 * held.std() / 200)
-    assert held.var() < 3e-6 * knee_e
-    for share in (0.071, 0.08, 0.1):
-        limit = f"at most 7 % of full_well_e, {knee_e:g}: give the width"
-        with pytest.raises(ms.InputError, match=re.escape(limit)):
-            camera.replace(**{"pixel.full_well_knee_e": share * well_e})

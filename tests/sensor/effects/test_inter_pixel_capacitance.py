@@ -93,37 +93,3 @@ def test_the_photon_transfer_curve_shows_848_thousandths_of_the_gain_at_2_percen
     diagonal = (noise[1:, 1:] * noise[:-1, :-1]).mean() / noise.var()
     assert beside == pytest.approx(2 * 0.02 * 0.92 / 0.848, abs=5 / 512)
     assert diagonal == pytest.approx(2 * 0.02**2 / 0.848, abs=5 / 512)
-
-
-def test_a_full_pixel_spills_nothing_but_its_neighbours_show_it() -> None:
-    """One pixel beyond its full well among dark ones: 33 000·α beside it, whatever the light."""
-    camera = SHOT_NOISE_ALONE.without("shot_noise").replace(**{"readout.ipc_coupling": 0.01})
-    light = np.zeros((5, 5))
-    light[2, 2] = 1e9
-    shown = ms.expose(light, camera, SHORT, precision="float64", keep="electrons").electrons
-    full_well_e = camera.pixel.full_well_e
-    assert shown is not None
-    assert shown[0, 2, 2] == pytest.approx(0.96 * full_well_e, rel=1e-12)
-    np.testing.assert_allclose(shown[0, [1, 3, 2, 2], [2, 2, 1, 3]], 0.01 * full_well_e)
-    assert shown[0, 1, 1] == 0
-
-
-REFUSED = {
-    "percent": ({"readout.ipc_coupling": 2.0}, "at most 0.2"),
-    "negative": ({"readout.ipc_coupling": -0.01}, "at least 0"),
-    "hollow": (
-        {"readout.ipc_coupling": 0.2, "readout.ipc_corner_coupling": 0.01},
-        r"leave 0\.16 in the pixel itself.*take smaller",
-    ),
-    "ccd": (
-        {"sensor.technology": "ccd", "readout.dsnu_col": 0.0, "readout.ipc_coupling": 0.01},
-        "set readout.ipc_coupling to 0",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_impossible_couplings_are_refused_with_the_way_out(case: str) -> None:
-    fields, said = REFUSED[case]
-    with pytest.raises(ms.InputError, match=said):
-        BASE.replace(**fields)

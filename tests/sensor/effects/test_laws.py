@@ -189,7 +189,7 @@ LAWS = {
 }  # fmt: skip
 
 
-SLOW = ("ar dark current", "prnu of neighbours")
+SLOW = ("ar dark current", "prnu of neighbours", "dsnu pixel of neighbours")
 
 
 @pytest.mark.parametrize("name", [exhaustive(one) if one in SLOW else one for one in LAWS])

@@ -51,25 +51,3 @@ def test_saturation_is_where_the_well_is_full_behind_the_last_reset() -> None:
     camera = CAMERA.replace(**{"pixel.full_well_e": 10_000.0, "readout.gain_dn_per_e": 0.1})
     assert well_e(np.array(saturation_e(camera))) == pytest.approx(10_000)
     assert saturation_e(camera) == pytest.approx(100_000)
-
-
-@pytest.mark.parametrize(
-    ("resets", "said"),
-    [
-        ([[0.9, 6_000.0], [0.8, 9_000.0]], "later"),
-        ([[0.9, 6_000.0], [0.95, 5_000.0]], "more"),
-        ([[1.0, 6_000.0]], "partial_resets"),
-    ],
-)
-def test_resets_that_do_not_follow_each_other_are_refused(
-    resets: list[list[float]], said: str
-) -> None:
-    with pytest.raises(ms.InputError, match=said):
-        CAMERA.replace(**{"pixel.partial_resets": resets})
-
-
-def test_resets_are_refused_where_nobody_counts_electrons() -> None:
-    with pytest.raises(ms.InputError, match="partial_resets"):
-        CAMERA.without("shot_noise")
-    with pytest.raises(ms.InputError, match="partial_resets"):
-        CAMERA.emva1288()

@@ -125,37 +125,3 @@ def test_every_code_is_as_probable_as_the_law_says(
     assert np.abs(seen - expected)[expected > 1e-5].max() < 5 * error.max()
     assert (np.abs(seen - expected) < 5 * error + 1e-5).all()
     assert (np.abs(seen - chances(stats.norm.cdf, 1.0)) > 20 * error).any()
-
-
-@pytest.mark.parametrize(
-    ("name", "shape", "said"),
-    [
-        (
-            "tukey_lambda",
-            None,
-            "read_noise_shape is missing; that of tukey_lambda must be from -0.45 to 0.2",
-        ),
-        (
-            "tukey_lambda",
-            -0.5,
-            "read_noise_shape is -0.5; that of tukey_lambda must be from -0.45 to 0.2",
-        ),
-        ("student", 2.0, "read_noise_shape is 2; that of student must be from 2.5 to 1000"),
-        (
-            "normal",
-            0.1,
-            "read_noise_shape is 0.1, and a normal read noise has none; leave it out, or set",
-        ),
-        ("cauchy", 0.1, "read_noise_distribution is 'cauchy'"),
-    ],
-)
-def test_a_wrong_shape_is_one_sentence_with_the_range(
-    name: str, shape: float | None, said: str
-) -> None:
-    with pytest.raises(ms.InputError, match=said):
-        BASE.replace(
-            **{
-                "source_follower.read_noise_distribution": name,
-                "source_follower.read_noise_shape": shape,
-            }
-        )

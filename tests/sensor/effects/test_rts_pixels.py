@@ -11,7 +11,7 @@ from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.stages.effects.rts_pixels import RtsPixels, TwoStates
+from mitsuba_sensor.stages.effects.rts_pixels import RtsPixels
 
 STEP, DUTY = 200.0, 0.3
 """100 e-/s for 2 s, on for 30 % of the time."""
@@ -91,16 +91,6 @@ def test_a_frame_alone_is_that_frame_of_a_stream_whatever_its_number() -> None:
         np.testing.assert_array_equal(stream[::-1], states(0.5, 0.1, reversed(indices)))
         for index, frame in zip(indices, stream, strict=True):
             np.testing.assert_array_equal(states(0.5, 0.1, [index])[0], frame)
-
-
-@pytest.mark.parametrize("rate", [0.0, 5e-324, 1e-12, 1e-4, 0.1, 1.0, 22.8, 23.0, math.inf])
-def test_any_frame_takes_at_most_34_random_numbers_of_a_trap(rate: float) -> None:
-    """Two ends of a block and a halving for each bit of the frame number; no frame is drawn twice."""
-    traps = TwoStates(0.3, rate)
-    for index in (0, 1, 2**18 - 1, 2**18, 50_000, 123_456_789, 2**32 - 1):
-        path = list(traps.path(index))
-        assert index in path and len(set(path)) == len(path) <= 34
-        assert math.exp(-rate * 2**traps.levels) < 2**-32 or traps.levels == 32
 
 
 COOLED = RtsPixels(1.0, STEP / 2, 0.1, DUTY, 300.0, 0.57, 0.9)

@@ -14,17 +14,6 @@ from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.effects.shot_noise import ShotNoise
 
 compiled = pytest.mark.skipif(backend_problem("llvm") is not None, reason="needs LLVM")
-SMALL = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
-CHARGE = ms.Electrons(np.linspace(0, 4e4, 200).reshape(4, 50), np.full((4, 50), 174.0))
-
-
-def test_shot_noise_gives_whole_electrons_of_light_and_dark_apart() -> None:
-    after = ShotNoise().sample(CHARGE, SMALL)
-    for part in (after.light, after.dark):
-        np.testing.assert_array_equal(part, np.floor(part))
-    assert np.abs(
-        np.corrcoef(after.light.ravel() - CHARGE.light.ravel(), after.dark.ravel())[0, 1]
-    ) < 5 / np.sqrt(200)
 
 
 LEVELS_E = (

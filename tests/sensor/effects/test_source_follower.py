@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-import re
-from typing import Any
-
 import numpy as np
 import pytest
-from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise
 
 BASE = ms.load_camera("konnik_table1")
-
-
-def stage_of(camera: ms.Camera, kind: type) -> Any:
-    """The one stage of that kind in a camera's chain."""
-    return next(stage for stage in chain(camera) if isinstance(stage, kind))
 
 
 def test_telegraph_noise_reaches_the_chain_of_a_cmos_sensor_only() -> None:
@@ -29,61 +20,6 @@ def test_telegraph_noise_reaches_the_chain_of_a_cmos_sensor_only() -> None:
     assert sigma == pytest.approx(alone, rel=1e-5)
     with pytest.raises(ms.InputError, match=r"source_follower\.rtn_uv is 200\.0"):
         camera.replace(**{"sensor.technology": "ccd", "readout.dsnu_col": 0.0})
-
-
-@pytest.mark.parametrize(
-    ("band_hz", "said"),
-    [
-        (None, ""),
-        ([1.0, 20e6], ""),
-        (
-            [1.0, 1e4],
-            r"band_hz \[1\.0, 10000\.0\] leaves 0\.\d+ of 6\.11 e- of read noise, [\d.]+ %",
-        ),
-        ([1e5, 1e6], r"leaves \d\.\d+ of 6\.11 e-"),
-    ],
-    ids=str,
-)
-def test_a_band_that_cuts_more_than_1_percent_of_the_noise_is_noted(
-    band_hz: Any, said: str
-) -> None:
-    """The paper's 20 MHz leave 6.0948 of 6.1051 e-, 99.8 %; 10 kHz next to nothing. In metadata, and with a gain."""
-    for gain in (1.0, 0.8):
-        camera = BASE.replace(
-            **{"source_follower.band_hz": band_hz, "source_follower.gain": gain}
-        )
-        notes = camera.to_dict().get("notes", [])
-        assert tuple(notes) == camera.notes and len(notes) == bool(said)
-        if said and gain == 1.0:
-            assert re.search(said, notes[0]), notes
-        if said:
-            left, of = (
-                float(x) for x in re.findall(r"leaves ([\d.]+) of ([\d.]+) e-", notes[0])[0]
-            )
-            sigma = stage_of(camera, SourceFollowerNoise).sigma_v / 5e-6
-            assert left == pytest.approx(sigma, rel=6e-3) and of == pytest.approx(
-                6.105069 / gain, rel=6e-3
-            )
-    datasheet = {"source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 3.0}
-    assert not BASE.replace(**{"source_follower.band_hz": band_hz}, **datasheet).notes
-
-
-@pytest.mark.parametrize("cv", one_in(2, [0.1, 0.5, 1.0, 3.0]))
-def test_the_read_noise_of_the_pixels_has_the_rms_of_the_datasheet_and_the_spread_asked_for(
-    cv: float,
-) -> None:
-    """1e6 pixels: ln σ is normal with variance ln(1 + cv²) and mean ln 5 − that: rms 5 e-, mean 5/√(1 + cv²).
-
-    Of a normal law mean and variance are known within 5 standard errors: s/200 and 0.7 %.
-    """
-    camera = BASE.replace(
-        **{"source_follower.white_nv_per_rthz": None, "source_follower.read_noise_e": 5.0}
-    )
-    camera = camera.replace(**{"source_follower.read_noise_cv": cv})
-    x = np.log(ms.fpn_maps(camera, (1000, 1000), precision="float64")["read_noise"])
-    variance = np.log1p(cv**2)
-    assert x.mean() == pytest.approx(np.log(5.0) - variance, abs=5 * np.sqrt(variance) / 1000)
-    assert x.var() == pytest.approx(variance, rel=5 * np.sqrt(2) / 1000)
 
 
 def test_so_many_pixels_are_noisy_by_the_factor_and_the_rms_of_all_stays() -> None:

@@ -17,9 +17,9 @@ from ...camera.fingerprint import polarizer_fingerprint
 from ...core import Array
 from ...core.llvm import drjit
 from ...stages.polarizers import contrast
+from ..scene.parsed_scene import ParsedScene
 from ..variants import MitsubaObject, is_polarized, mitsuba
 from .lens_sensor import Samples, sensor_class
-from .parsed_scene import ParsedScene
 
 STEP_NM = 1.0
 """Of the table of the contrast by wavelength."""

@@ -10,10 +10,10 @@ from __future__ import annotations
 from ...camera.camera import Camera
 from ...core import Array, InputError
 from ...optics.intrinsics import View
+from ..scene.parsed_scene import ParsedScene
+from ..scene.scene_settings import SENSOR
 from ..variants import MitsubaObject, mitsuba
 from .lens_sensor import IN_PYTHON, Samples, sensor_class
-from .parsed_scene import ParsedScene
-from .scene_settings import SENSOR
 
 FIRST_NUMBER = {"left": 0.5, "right": 0.0}
 """Where the half of the first number begins: Mitsuba's cameras have x to the left."""

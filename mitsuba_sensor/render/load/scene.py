@@ -18,7 +18,6 @@ from ...camera.camera import Camera
 from ...camera.sensor_size import check_on_sensor
 from ...core import Array, InputError
 from ...optics.intrinsics import View
-from ..infrared.rules import apply_infrared
 from ..light.bands import (
     Bands,
     box_bands,
@@ -26,33 +25,33 @@ from ..light.bands import (
     restrict_wavelengths,
 )
 from ..light.brightness import HIGHEST_LAMP_CD_PER_M2, brightest_lamp, cd_per_m2
-from ..lint.finding import Finding, lines_of
-from ..lint.lint import SPECTRAL_RESPONSE, WRAPPERS, lint, lint_built
+from ..lint.checks import SPECTRAL_RESPONSE, WRAPPERS, lint, lint_built
+from ..lint.finding import Built, Finding, Subject, lines_of
+from ..lint.infrared import apply_infrared
 from ..lint.refusals import (
     refuse_missing_attributes,
     refuse_missing_files,
     refuse_misspelt,
     refuse_unsuitable,
 )
-from ..lint.scene_spectra import continue_metals
-from ..lint.subject import Built, Subject
+from ..lint.spectra import continue_metals
 from ..samples import SAMPLER
-from ..variants import MitsubaObject, mitsuba
-from .displaced_rays import with_displaced_rays
-from .half_pupil import with_half_pupil
-from .lens_sensor import with_lens
-from .light_groups import keep_emitters
-from .parse_scene import SceneInput, parse
-from .parsed_scene import WIDTH, ParsedScene
-from .polarizer_rays import with_polarizers
-from .scene_errors import plain_message
-from .scene_settings import (
+from ..scene.light_groups import keep_emitters
+from ..scene.mitsuba_errors import plain_message
+from ..scene.parse_scene import SceneInput, parse
+from ..scene.parsed_scene import WIDTH, ParsedScene
+from ..scene.scene_settings import (
     FILM,
     SENSOR,
     SceneSettings,
     built_in_sensor,
     sensor_fields_of,
 )
+from ..variants import MitsubaObject, mitsuba
+from .displaced_rays import with_displaced_rays
+from .half_pupil import with_half_pupil
+from .lens_sensor import with_lens
+from .polarizer_rays import with_polarizers
 from .weight_noise import WeightCounter, weight_counter
 
 FILM_ID = "sensor"  # id of the new film, by which its sensor is found in the built scene
@@ -178,8 +177,8 @@ def _load(
     _replace_film(scene, bands, scene.film_size(camera, width), sampler)
     if emitters is not None:
         scene = keep_emitters(scene, emitters)
-    continue_metals(scene.nodes("BSDF"), *bands.ends_nm)
-    apply_infrared(scene, scene.edits.infrared, *bands.ends_nm)
+    continue_metals(scene, *bands.ends_nm)
+    apply_infrared(scene, *bands.ends_nm)
     built = scene.build()
     world, integrator = built, built.integrator()
     if scene.loaded is not None:

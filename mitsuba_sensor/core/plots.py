@@ -1,0 +1,18 @@
+"""Axes of Matplotlib for the ``plot`` methods, made where a caller has none."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def labelled_axes(axes: Axes | None, title: str, x_label: str, y_label: str) -> Axes:
+    """Return the axes, or those of a new figure, with title and labels."""
+    if axes is None:
+        from matplotlib import pyplot
+
+        _, axes = pyplot.subplots(layout="constrained")
+    axes.set(title=title, xlabel=x_label, ylabel=y_label)
+    return axes

@@ -1,0 +1,256 @@
+"""What RGB colours reflect beyond 700 nm, where they say nothing: their rules, and the scene with the rules in it.
+
+A constant colour becomes a table. Others go into a texture of ours, because Mitsuba's textures cannot be combined so:
+it has the value of another texture up to 700 nm, and that value or a measured spectrum beyond. In compiled variants
+this costs nothing that can be measured; in scalar variants, which call Python for every ray, a scene of nothing but
+such textures takes four times as long.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fnmatch import fnmatchcase
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core import Array, Float64Array, InputError, nearest
+from ...core.llvm import drjit
+from ..scene.asked import HELD_FROM_NM, REFUSE, Material, materials
+from ..scene.parsed_scene import ParsedScene
+from ..variants import MitsubaObject, mitsuba
+from .spectra import Part, properties_of
+
+SEEN_TO_NM = 720.0
+"""Bands that end before have no rule: behind an infrared cut filter the colour is seen as Mitsuba has it."""
+REFLECTANCES = ("reflectance", "diffuse_reflectance", "base_color", "albedo")
+"""Properties of a material that a measured reflectance replaces; its highlights are no part of the measurement."""
+NO_COLOURS = ("eta", "k", "alpha", "alpha_u", "alpha_v", "roughness", "weight", "opacity")
+"""Properties of materials where a picture is no colour."""
+RELIEFS = ("bumpmap", "normalmap")  # materials whose pictures are no colours
+PICTURES = ("bitmap", "mesh_attribute", "srgb")
+STEP_NM = 1.0  # of the table of a colour
+LOWEST_NM = 360.0  # of the range for which Mitsuba makes spectra of colours
+MOST_NAMED = 8  # materials in a message
+PLUGIN = "held_beyond_700_nm"
+PASSED_ON = (
+    *(
+        "eval_1",
+        "eval_1_grad",
+        "eval_3",
+        "is_spatially_varying",
+        "max",
+        "mean",
+        "parameters_changed",
+    ),
+    *("pdf_position", "pdf_spectrum", "resolution", "sample_position", "sample_spectrum"),
+    *("spectral_resolution", "traverse", "wavelength_range"),
+)
+"""Methods of a texture that are those of the texture inside, whose parameters keep their names in mi.traverse."""
+
+
+class Colour(NamedTuple):
+    """An RGB colour or picture.  node : its material, medium or emitter.  role : the property that it is part of.
+    ids : of the material, and of the shapes and materials that hold it.
+    """
+
+    node: MitsubaObject
+    role: str
+    is_light: bool
+    part: Part
+    ids: frozenset[str]
+
+    @property
+    def name(self) -> str:
+        """What messages call its material."""
+        own = str(self.node.props.id()) or min(self.ids, default="")
+        return repr(own) if own else f"a {self.node.props.plugin_name()}"
+
+
+def rgb_colours(scene: ParsedScene) -> list[Colour]:
+    """Return the colours of materials and media, and of textures in emitters: other emitters are times D65."""
+    ids, found = _ids_of_nodes(scene), list[Colour]()
+    for node, number, role, is_light, parts in properties_of(scene):
+        if node.props.plugin_name() in RELIEFS or role in NO_COLOURS:
+            continue
+        for part in parts:
+            if part.kind == "rgb":
+                is_colour = (part.is_inside or not is_light) and all(
+                    0 <= x <= 1 for x in part.value
+                )
+            else:  # raw: roughness, normals and the like
+                is_colour = part.kind in PICTURES and not part.props.get("raw", False)
+            if is_colour:
+                found.append(Colour(node, role, is_light, part, ids.get(number, frozenset())))
+    return found
+
+
+def _ids_of_nodes(scene: ParsedScene) -> dict[int, frozenset[str]]:
+    """Ids by the number of a node: its own, and those of the nodes that hold it, but for the scene itself."""
+    ids = dict[int, frozenset[str]]()
+
+    def visit(props: MitsubaObject, inherited: frozenset[str]) -> None:
+        for name, child in scene.children(props):
+            index = props[name].index()
+            below = inherited | ({str(child.props.id())} - {""})
+            if index not in ids or not below <= ids[index]:
+                ids[index] = ids.get(index, frozenset()) | below
+                visit(child.props, below)
+
+    visit(scene.root, frozenset())
+    return ids
+
+
+def ruled_colours(scene: ParsedScene, high_nm: float) -> list[tuple[Colour, Material | None]]:
+    """Return the colours that bands up to ``high_nm`` see beyond the visible, each with the measured material that it
+    is there; None: it keeps its value. Raises InputError."""
+    asked = scene.edits.infrared
+    if high_nm <= SEEN_TO_NM:
+        return []
+    colours = rgb_colours(scene)
+    if asked == REFUSE:
+        _refuse(scene, colours, high_nm)
+        return []
+    used, ruled = set[str](), list[tuple[Colour, Material | None]]()
+    for colour in colours:
+        is_reflectance = colour.role in REFLECTANCES
+        named = [
+            pattern
+            for pattern in asked
+            if is_reflectance and any(fnmatchcase(name, pattern) for name in colour.ids)
+        ]
+        used.update(named)
+        if len({asked[pattern] for pattern in named}) > 1:
+            both = " and ".join(map(repr, named))
+            raise InputError(f"infrared: {colour.name} is named by {both}; name it once.")
+        ruled.append((colour, materials()[asked[named[0]]] if named else None))
+    for pattern in asked:
+        if pattern not in used:
+            ids = sorted({name for colour in colours for name in colour.ids})
+            has = (
+                f"those that have one are {', '.join(ids)}"
+                if ids
+                else "no RGB colour has an id"
+            )
+            raise InputError(
+                f"infrared: no material or shape with an RGB reflectance is named {pattern!r}; {has}."
+                f"{nearest(pattern, ids)}"
+            )
+    return ruled
+
+
+def _refuse(scene: ParsedScene, colours: list[Colour], high_nm: float) -> None:
+    if names := list(dict.fromkeys(f"{one.name} ({scene.where(one.node)})" for one in colours)):
+        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+        raise InputError(
+            f"infrared is 'refuse' and the bands extend to {high_nm:g} nm, where RGB says nothing of "
+            f"{', '.join(names[:MOST_NAMED])}{more}; give them spectra, or materials, e.g. "
+            "--infrared 'leaf_*=vegetation'."
+        )
+
+
+def apply_infrared(scene: ParsedScene, low_nm: float, high_nm: float) -> None:
+    """Give the colours of a parsed scene their rules; its nodes are changed.  low_nm, high_nm : ends of the bands.
+
+    Where parameters of the scene are set by name, a constant colour stays the colour that it is, inside a texture of
+    ours, and keeps its name.
+    """
+    nodes_nm = np.arange(np.floor(min(low_nm, LOWEST_NM)), np.ceil(high_nm) + STEP_NM, STEP_NM)
+    keeps_names, mi = bool(scene.edits.traverse), mitsuba()
+    first = number = len(scene.state.nodes)
+    for colour, _ in ruled_colours(
+        scene, high_nm
+    ):  # nodes are added first: they move in memory then
+        number += keeps_names or colour.part.kind != "rgb"
+    for _ in range(number - first):
+        node = mi.parser.SceneNode()
+        node.type = mi.ObjectType.Texture
+        scene.state.nodes.append(node)
+    for colour, material in ruled_colours(scene, high_nm):
+        owner, key, is_constant = colour.part.owner, colour.part.key, colour.part.kind == "rgb"
+        value = owner[key]
+        if is_constant and not keeps_names:
+            owner[key] = _spectrum(nodes_nm, _reflectance(value, material, nodes_nm))
+            continue
+        _register(mi.variant())
+        held = mi.Properties(PLUGIN)
+        held["texture"] = (
+            mi.load_dict({"type": "srgb", "color": list(map(float, value))})
+            if is_constant
+            else value
+        )
+        if material is not None:
+            held["beyond"] = _spectrum(nodes_nm, material.at(nodes_nm))
+        scene.state.nodes[first].props = held
+        owner[key] = mi.Properties.ResolvedReference(first)
+        first += 1
+
+
+def _reflectance(
+    rgb: MitsubaObject, material: Material | None, wavelengths_nm: Float64Array
+) -> Float64Array:
+    """The spectrum that Mitsuba makes of a colour, up to 700 nm, and its rule beyond."""
+    mi = mitsuba()
+    square, slope, constant = (
+        float(c) for c in mi.srgb_model_fetch(mi.ScalarColor3f(*(float(v) for v in rgb)))
+    )
+    up_to_nm = np.minimum(wavelengths_nm, HELD_FROM_NM)
+    x = (square * up_to_nm + slope) * up_to_nm + constant
+    values = 0.5 + 0.5 * x / np.sqrt(1 + x * x) if np.isfinite(x).all() else (x > 0) * 1.0
+    if material is None:
+        return np.asarray(values)
+    beyond = wavelengths_nm > HELD_FROM_NM
+    return np.where(beyond, material.at(wavelengths_nm), values)
+
+
+def _spectrum(wavelengths_nm: Float64Array, values: Float64Array) -> MitsubaObject:
+    """A Mitsuba spectrum of equidistant nodes."""
+    return mitsuba().load_dict(
+        {
+            "type": "regular",
+            "wavelength_min": float(wavelengths_nm[0]),
+            "wavelength_max": float(wavelengths_nm[-1]),
+            "values": ", ".join(map(repr, values.tolist())),
+        }
+    )
+
+
+@cache
+def _register(variant: str) -> None:
+    """Make the texture known in the variant that is set; Mitsuba has another base class in every variant."""
+    mi, dr = mitsuba(), drjit()
+    assert mi.variant() == variant
+
+    class HeldTexture(mi.Texture):  # type: ignore[misc, name-defined]
+        """props : with the nested ``texture`` and, if needed, the spectrum ``beyond``."""
+
+        def __init__(self, props: MitsubaObject) -> None:
+            super().__init__(props)
+            self.inner, self.beyond = props["texture"], props.get("beyond", None)
+
+        def eval(self, si: MitsubaObject, active: Array = True) -> Array:
+            """Return the values at the wavelengths of an interaction."""
+            wavelengths_nm = type(si.wavelengths)(si.wavelengths)
+            si.wavelengths = dr.minimum(wavelengths_nm, HELD_FROM_NM)
+            values = self.inner.eval(si, active)
+            si.wavelengths = wavelengths_nm
+            if self.beyond is None:
+                return values
+            measured = self.beyond.eval(si, active)
+            return dr.select(wavelengths_nm > HELD_FROM_NM, measured, values)
+
+        def to_string(self) -> str:
+            """For people."""
+            return f"HeldTexture[{self.inner}]"
+
+    for name in PASSED_ON:
+        setattr(HeldTexture, name, _passed_on(name))
+    mi.register_texture(PLUGIN, HeldTexture)
+
+
+def _passed_on(name: str) -> Callable[..., object]:
+    def method(self: MitsubaObject, *arguments: object) -> object:
+        return getattr(self.inner, name)(*arguments)
+
+    return method

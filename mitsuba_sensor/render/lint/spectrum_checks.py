@@ -1,0 +1,210 @@
+"""Checks of the spectra of a scene: those that end inside the bands, and values that cannot be.
+
+Outside 360 to 830 nm Mitsuba's own emitters are zero by default, sun and sky outside 320 to 720 nm; a table is zero
+outside its nodes. A reflectance above 1 makes light, and Mitsuba renders it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..limits import MITSUBA_NM
+from ..scene.asked import HELD_FROM_NM, materials
+from ..scene.scene_edits import UNNAMED
+from ..variants import MitsubaObject, values_of
+from .finding import NAMED_MAX, Built, Finding, Found, Subject, places
+from .infrared import rgb_colours, ruled_colours
+from .spectra import INDICES, STRENGTHS, SUNS, Range, metals_of, values_of_part
+
+TOLERANCE = 1e-6  # of a reflectance of 1, in float32
+SKIES = ("envmap", *SUNS)
+FRACTIONS = (
+    *("reflectance", "diffuse_reflectance", "specular_reflectance", "specular_transmittance"),
+    *("base_color", "albedo"),
+)
+"""Properties of materials and media that are the share of the light that comes back."""
+MICROMETRES_MAX = 20.0  # end of a table that is more likely in µm than in nm
+PERCENT_MIN, PERCENT_MAX = (
+    2.0,
+    100.0,
+)  # largest values of a fraction that is more likely in percent
+COUNTS = 255.0
+
+
+def incomplete(subject: Subject) -> Found:
+    """Lights and materials whose spectra end inside the bands."""
+    low_nm, high_nm = subject.band_nm
+    surfaces = [one for one in subject.properties if not one.is_light]
+    spectra = [(node, "light", data_nm) for node, data_nm in subject.lights]
+    spectra += [(one.node, repr(one.role), one.data_nm) for one in surfaces]
+    ending: dict[tuple[str, Range, str], list[MitsubaObject]] = {}
+    for node, name, data_nm in spectra:
+        if not subject.is_covered_by(data_nm):
+            remedy = f"give it pairs of wavelength and value from {low_nm:g} to {high_nm:g} nm"
+            if data_nm[1] < MICROMETRES_MAX:
+                remedy = "if its wavelengths are in µm, multiply them by 1000: Mitsuba reads nm"
+            elif (kind := node.props.plugin_name()) in SKIES:
+                remedy = f"{kind!r} has no more data: add another light from {low_nm:g} to {high_nm:g} nm"
+            ending.setdefault((name, data_nm, remedy), []).append(node)
+    for (name, data_nm, remedy), nodes in ending.items():
+        yield _ending(subject, name, len(nodes), subject.lines(nodes), data_nm, remedy)
+
+
+def _ending(
+    subject: Subject, name: str, count: int, where: str, data_nm: Range, remedy: str
+) -> Finding:
+    """A spectrum that ends: black, but for the indices of a metal, without which everything is reflected."""
+    what = f"{name} in {places(count)} is {{}} outside {data_nm[0]:.5g} to {data_nm[1]:.5g} nm{{}}; "
+    what += subject.beyond(data_nm)
+    if name.strip("'") in INDICES:
+        what = what.format(0, ", where a metal then reflects everything or is NaN")
+        return Finding("wrong", where, what, remedy, data_nm)
+    return Finding("black", where, what.format("black", ""), remedy, data_nm)
+
+
+def metals(subject: Subject) -> Found:
+    """Metals whose tables end inside the bands."""
+    short: dict[tuple[str, Range], list[MitsubaObject]] = {}
+    for node, table in metals_of(subject.scene):
+        data_nm = float(table["wavelengths"][0]), float(table["wavelengths"][-1])
+        if not subject.is_covered_by(data_nm):
+            short.setdefault((node.props["material"], data_nm), []).append(node)
+    for (material, data_nm), nodes in short.items():
+        ends = f"{data_nm[0]:.5g} to {data_nm[1]:.5g} nm"
+        what = f"Mitsuba's table of {material!r} in {places(len(nodes))} has {ends}; {subject.beyond(data_nm)}"
+        remedy = (
+            "its first and last values are held beyond; give eta and k if you know them there"
+        )
+        yield Finding("note", subject.lines(nodes), what, remedy, data_nm)
+
+
+def colours(subject: Subject) -> Found:
+    """What rgb colours are at wavelengths that nobody sees: a rule beyond 700 nm, guesses of Mitsuba below 360 nm; and
+    textures as lights, which Mitsuba does not multiply by D65 as it does with <rgb> and envmap."""
+    scene, (low_nm, high_nm) = subject.scene, subject.band_nm
+    by_material: dict[str | None, list[MitsubaObject]] = {}
+    for colour, material in ruled_colours(scene, high_nm):
+        by_material.setdefault(material and material.name, []).append(colour.node)
+    for name, nodes in by_material.items():
+        rule = f"keeps its value at {HELD_FROM_NM:g} nm"
+        remedy = "give measured spectra, or the material, e.g. --infrared 'leaf_*=vegetation'"
+        if name is not None:
+            rule, remedy = f"is {name!r}", f"measured: {materials()[name].source}"
+        rgb, data_nm = f"rgb in {places(len(nodes))}", (0.0, HELD_FROM_NM)
+        what = f"beyond {HELD_FROM_NM:g} nm {rgb} {rule}; {subject.beyond(data_nm)}"
+        yield Finding("note", subject.lines(nodes), what, remedy, data_nm, f"{rgb} {rule}")
+    all_colours, first_nm = rgb_colours(scene), MITSUBA_NM[0]
+    if all_colours and low_nm < first_nm:
+        nodes, data_nm = [colour.node for colour in all_colours], (first_nm, math.inf)
+        what = (
+            f"rgb in {places(len(nodes))} is extrapolated below {first_nm:g} nm, to 0 or to 1"
+        )
+        what = f"{what}; {subject.beyond(data_nm)}"
+        yield Finding("wrong", subject.lines(nodes), what, "give measured spectra", data_nm)
+    lamps = [
+        colour.node for colour in all_colours if colour.is_light and colour.role in STRENGTHS
+    ]
+    if lamps:
+        lamps = [lamp for number, lamp in enumerate(lamps) if lamp not in lamps[:number]]
+        what = (
+            f"a texture as a light in {places(len(lamps))} is not multiplied by D65, as <rgb> is: its white is flat, "
+            f"and it shines beyond {MITSUBA_NM[1]:g} nm"
+        )
+        remedy = "give the light <rgb> or <spectrum> where that matters"
+        yield Finding("note", subject.lines(lamps), what, remedy)
+
+
+def float_lights(subject: Subject) -> Found:
+    """Floats that mean D65 (#1579)."""
+    strengths = [one for one in subject.properties if one.is_light and one.role in STRENGTHS]
+    nodes = [one.node for one in strengths if one.is_number and one.parts[0].kind == "float"]
+    if nodes:
+        what = f"a float in {places(len(nodes))} gives the spectrum of D65, not a flat one"
+        remedy = 'write <spectrum name="radiance" value="..."/> for the same value at every wavelength'
+        yield Finding("wrong", subject.lines(nodes), what, remedy)
+
+
+MORE_LIGHT = "{} is as large as {:g}: more light is sent out than comes in"
+IMPOSSIBLE = {
+    "large": MORE_LIGHT,
+    "clamped": "{} is as large as {:g}: Mitsuba takes 1 instead",
+    "bright": "{} is a picture as large as {:g}: Mitsuba takes 1 instead",
+    "negative": "{} has {count} value(s) below 0, as small as {:g}: no light is negative",
+    "infinite": "{} has {count} values that are not finite",
+}
+"""Fault → what is said of it, with the worst value and how many there are."""
+
+
+def impossible_values(subject: Subject) -> Found:
+    """Surfaces and media that return more light than they receive, light that is negative, and NaN."""
+    faults: dict[tuple[str, str], list[tuple[MitsubaObject, float, int]]] = {}
+    for node, _, role, is_light, parts in subject.properties:
+        is_fraction, is_strength = role in FRACTIONS, is_light and role in STRENGTHS
+        for part in parts:
+            values = values_of_part(subject.scene, part, subject.band_nm)
+            finite = values[np.isfinite(values)]
+            largest, least = finite.max(initial=-np.inf), finite.min(initial=np.inf)
+            is_clamped = values.ndim == 2 and values.shape[1] > 1
+            if largest > 1 + TOLERANCE and (is_fraction or (is_strength and is_clamped)):
+                fault = "clamped" if is_clamped else "large"
+                fault = "bright" if is_strength else fault
+                faults.setdefault((fault, role), []).append((node, largest, 1))
+            if least < 0 and (is_fraction or is_strength):
+                count = int((finite < 0).sum())
+                faults.setdefault(("negative", role), []).append((node, least, count))
+            if count := values.size - finite.size:
+                faults.setdefault(("infinite", role), []).append((node, 0.0, count))
+    for (fault, role), hits in faults.items():
+        nodes, worst, counts = zip(*hits, strict=True)
+        value = float(max(worst, key=abs))
+        name = f"{role!r} in {places(len(nodes))}"
+        what = IMPOSSIBLE[fault].format(name, value, count=sum(counts))
+        remedies = {
+            "bright": f"divide it and all other lights by {value:g}",
+            "negative": "give values of 0 and more",
+            "infinite": "give it finite values",
+        }
+        remedy = remedies.get(fault) or _remedy_of_fraction(value)
+        yield Finding("wrong", subject.lines(nodes), what, remedy)
+
+
+def _remedy_of_fraction(largest: float) -> str:
+    """What to do with a fraction above 1."""
+    if largest <= PERCENT_MIN or largest > COUNTS:
+        return "give values from 0 to 1"
+    if largest <= PERCENT_MAX:
+        return "if it is in percent, divide it by 100"
+    return "if it counts from 0 to 255, divide it by 255"
+
+
+def spectra_of_loaded(subject: Subject, built: Built) -> Found:
+    """Spectra of a scene that Mitsuba has loaded, by its parameters; pictures and colours are not looked at."""
+    short: dict[tuple[str, Range], list[str]] = {}
+    for key, value in values_of(built.world) if subject.scene.loaded is not None else ():
+        *place, part = key.split(".")
+        is_end, is_value = part in ("wavelengths", "range"), part in ("value", "values")
+        if not (is_end or is_value) or "film" in place or "Color3" in type(value).__name__:
+            continue
+        name = next((part for part in reversed(place) if part != "d65"), "")
+        numbers = np.ravel(np.array(value, dtype=np.float64))
+        ends = (float(numbers.min(initial=np.inf)), float(numbers.max(initial=0.0)))
+        if is_end and not subject.is_covered_by(ends):
+            short.setdefault((repr(name), ends), []).append(".".join(place))
+        if is_value and name in FRACTIONS and ends[1] > 1 + TOLERANCE:
+            what = MORE_LIGHT.format(repr(name), ends[1])
+            yield Finding(
+                "wrong", _named([".".join(place)]), what, _remedy_of_fraction(ends[1])
+            )
+    for (name, data_nm), named in short.items():
+        remedy = "load it with more data, or pass the scene as a path, as XML text or as a dict"
+        yield _ending(subject, name, len(named), _named(named), data_nm, remedy)
+
+
+def _named(parameters: Sequence[str]) -> str:
+    """The names of the first few parameters; elements without an id have a new one in each run."""
+    few = [UNNAMED.sub("an element without an id", name) for name in parameters[:NAMED_MAX]]
+    more = f" and {len(parameters) - NAMED_MAX} more" if len(parameters) > NAMED_MAX else ""
+    return ", ".join(dict.fromkeys(few)) + more
