@@ -107,6 +107,14 @@ class Program(Group):
         self.only_names = False
         return proposals
 
+    def make_context(self, *given: Click, **more: Click) -> Click:
+        """The program's own options are read here."""
+        try:
+            return super().make_context(*given, **more)
+        except UsageError as error:
+            _say(error, False)
+            raise typer.Exit(2) from None
+
     def invoke(self, ctx: Click) -> object:
         """Run the command that was called; errors end here."""
         from ..core import DiskFull, InputError, SensorWarning
