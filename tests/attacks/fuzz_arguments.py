@@ -48,11 +48,15 @@ VALUES: tuple[Any, ...] = (
     *(np.array([object()]), np.float32(1), np.datetime64("2020-01-01"), EXPOSURE, LIGHT),
 )
 CALLS: dict[Callable[..., Any], dict[str, Any]] = {
-    ms.load_camera: {"source": "konnik_table1"},
-    ms.check_camera: {"source": "konnik_table1"},
+    ms.load_camera: {"name": "konnik_table1"},
+    ms.check_camera: {"name": "konnik_table1"},
     ms.Exposure: {"time_s": 0.01, "temperature_k": 300.0},
-    ms.Photons: {"mean": GREY, "wavelengths_nm": np.array([550.0]), "detected": False},
-    ms.uniform_light: {"irradiance": 1e-4, "shape": (4, 6)},
+    ms.Photons: {
+        "values": GREY[..., None],
+        "wavelengths_nm": np.array([550.0]),
+        "detected": False,
+    },
+    ms.uniform_light: {"irradiance_w_per_m2": 1e-4, "shape": (4, 6)},
     ms.collect: {"light": LIGHT, "camera": CAMERA, "exposure": EXPOSURE},
     ms.expose: {
         **{"photons": PHOTONS, "camera": CAMERA, "exposure": EXPOSURE, "frames": 1, "seed": 1},
@@ -62,7 +66,7 @@ CALLS: dict[Callable[..., Any], dict[str, Any]] = {
     ms.capture: {"source": LIGHT, "camera": CAMERA, "exposure": EXPOSURE, "frames": 1},
     ms.plan: {"camera": CAMERA, "exposure": EXPOSURE, "photons": PHOTONS, "tolerance_dn": 0.1},
     ms.fpn_maps: {"camera": CAMERA, "shape": (4, 6), "serial": 1},
-    ms.digital: {"light": LIGHT, "camera": CAMERA, "exposure": EXPOSURE},
+    ms.digital: {"image": GREY, "camera": CAMERA, "exposure": EXPOSURE},
     ms.light_from_rgb: {"rgb": np.ones((4, 6, 3)), "camera": CAMERA, "unit": "cd_per_m2"},
     ms.read_irradiance: {
         "path": "none.exr",
