@@ -2,16 +2,14 @@
 
     python benchmarks/backend_speed.py [--mpx 1 4 12] [--electrons 1 1000 30000] [--content flat ramp random]
         [--turns 5] [--engines numpy drjit numpy64] [--json]
-        [--parts cases single short first changed]
+        [--parts cases single first]
 
 cases       frames of the full chain for every size × level × content; the time of the next frame of an open stream
 single      frames of new photon maps, one per call of ms.expose or ms.Sensor, for every size; beside a stream of one
-short       shot noise, read noise and ADC only, compared with the full chain
 first       the first frame of a process, with and without compiled kernels on disk
-changed     the first frame after a change of a parameter, in a process that has computed a frame before
 
-All parts but ``cases`` and ``single`` use the median size and level, and a ramp. Ratios are medians of the ratios of
-single turns; a ratio above 1 means that the backend is faster.
+``first`` uses the median size and level, and a ramp; tests/sensor/test_backends.py counts what a change compiles.
+Ratios are medians of the ratios of single turns; a ratio above 1 means that the backend is faster.
 """
 
 from __future__ import annotations
@@ -19,20 +17,16 @@ from __future__ import annotations
 import argparse
 import json
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Callable
 from itertools import product
 from typing import Any
 
-import numpy as np
-from cases import CONTENTS, EXPOSURE, full_chain, photon_map, shape_of, shot_read_quantise
-from frame_sources import ENGINES, PLAIN, next_exposure, next_frame, open_stream, refusal
-from numpy.typing import NDArray
-from timing import alternate, in_child, lines, ratio, seconds_of, speeds
+from cases import CONTENTS, full_chain, photon_map, shape_of
+from frame_sources import ENGINES, PLAIN, next_exposure, next_frame, refusal
+from timing import alternate, in_child, lines, speeds
 
-import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.core.versions import machine
 
@@ -138,21 +132,6 @@ def single(options: argparse.Namespace) -> dict[str, Any]:
     return {"rows": rows}
 
 
-def short(options: argparse.Namespace) -> dict[str, Any]:
-    """Speed of a camera with shot noise, read noise and ADC only, compared with the full chain."""
-    cameras = {"full_chain": full_chain(), "shot_read_quantise": shot_read_quantise()}
-    found = {}
-    for engine in (PLAIN, *options.engines):
-        tasks = {
-            name: next_frame(engine, middle_light(options), camera)
-            for name, camera in cameras.items()
-        }
-        found[engine] = speeds(
-            alternate(tasks, options.turns), middle_light(options).size, "full_chain"
-        )
-    return found
-
-
 def first(options: argparse.Namespace) -> dict[str, Any]:
     """First frames of new processes, without and with compiled kernels on disk."""
     mpx, electrons = middle(options.mpx), middle(options.electrons)
@@ -196,87 +175,15 @@ def first_frame(engine: str, mpx: float, electrons: float) -> dict[str, float]:
     return {"first_s": first_s, "compile_s": compile_s, "steady_s": steady_s}
 
 
-def changed(options: argparse.Namespace) -> dict[str, Any]:
-    """The first frame of a new stream, unchanged and with one change, in a child process without compiled kernels."""
-    found = {}
-    for engine in options.engines:
-        with tempfile.TemporaryDirectory() as home:
-            arguments = engine, middle(options.mpx), middle(options.electrons), options.turns
-            found[engine] = in_child("backend_speed", "changed_frames", *arguments, home=home)
-    return found
-
-
-def changed_frames(engine: str, mpx: float, electrons: float, turns: int) -> dict[str, Any]:
-    """In a child process: seconds of the first frames of new streams, and the number of kernels they compiled."""
-    tasks = new_streams(engine, photon_map(full_chain(), electrons, "ramp", shape_of(mpx)))
-    first_s = seconds_of(tasks["unchanged"])
-    count = compiled_kernels()
-    tasks["unchanged"]()  # Dr.Jit compiles once more when the kernel history is switched on
-    count()
-    kernels = {}
-    for name, task in tasks.items():
-        task()
-        kernels[name] = count()
-    seconds = alternate(tasks, turns)
-    rows = {
-        name: {
-            "seconds": statistics.median(seconds[name]),
-            "times_unchanged": ratio(seconds[name], seconds["unchanged"]),
-            "compiled_kernels": kernels[name],
-        }
-        for name in tasks
-    }
-    return {"first_s": first_s, "streams": rows}
-
-
-def new_streams(engine: str, photons: NDArray[np.float64]) -> dict[str, Callable[[], object]]:
-    """The first frame of new streams: the full chain, and the full chain with one change."""
-    camera, brighter = full_chain(), photons * 1.5
-    longer = ms.Exposure(EXPOSURE.time_s * 2, EXPOSURE.temperature_k + 12)
-    gain = camera.replace(**{"readout.sense_gain_uv_per_e": 6.0})
-    noise = camera.replace(**{"source_follower.corner_hz": 2e6})
-    return {
-        "unchanged": lambda: next(open_stream(engine, photons, camera)),
-        "seed": lambda: next(open_stream(engine, photons, camera, seed=2)),
-        "serial": lambda: next(open_stream(engine, photons, camera, serial=2)),
-        "light": lambda: next(open_stream(engine, brighter, camera)),
-        "exposure": lambda: next(open_stream(engine, photons, camera, longer)),
-        "gain": lambda: next(open_stream(engine, photons, gain)),
-        "noise": lambda: next(open_stream(engine, photons, noise)),
-    }
-
-
-def compiled_kernels() -> Callable[[], int | None]:
-    """A function that returns the number of kernels compiled or read from disk since its last call.
-
-    It returns None if Dr.Jit is not loaded.
-    """
-    drjit = sys.modules.get("drjit")
-    if drjit is None:
-        return lambda: None
-    drjit.set_flag(drjit.JitFlag.KernelHistory, True)
-    drjit.kernel_history_clear()
-    return lambda: sum(not kernel.get("cache_hit", True) for kernel in drjit.kernel_history())
-
-
 def middle(values: list[float]) -> float:
     """The median, or the smaller of the two middle values."""
     return statistics.median_low(values)
 
 
-def middle_light(options: argparse.Namespace) -> NDArray[np.float64]:
-    """A ramp of the median size and level."""
-    return photon_map(
-        full_chain(), middle(options.electrons), "ramp", shape_of(middle(options.mpx))
-    )
-
-
 PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
     "cases": cases,
     "single": single,
-    "short": short,
     "first": first,
-    "changed": changed,
 }
 
 if __name__ == "__main__":

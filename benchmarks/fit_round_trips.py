@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.bench.twin_frames import Simulated
+from mitsuba_sensor.bench.twin_page import Simulated
 from mitsuba_sensor.lab.frames.bench import Bench
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.distance import Distance, frame_distances

@@ -1,6 +1,6 @@
 """How often the 95 % intervals of the laboratory hold what random cameras were made with, by kind of camera.
 
-    python benchmarks/lab_coverage.py [--cameras 400] [--first 0] [--kinds linear curved few coarse lines hot] [--json]
+    python benchmarks/lab_coverage.py [--cameras 400] [--first 0] [--kinds linear curved …] [--json]
 
 Every camera is another chip of 48 × 56 pixels: 16 dark frames, 13 flat fields of 2 frames, one of 16 at half
 saturation.
@@ -11,6 +11,7 @@ few : the same, with 0.7 to 1.3 times the gain at full well, and 5 to 10 flat fi
 coarse : 0.1 to 0.7 DN of temporal dark noise.
 lines : the same as linear, with row and column noise and fixed rows and columns of up to the read noise.
 hot : the same as linear; 0.1 % of the pixels have offsets of 500 to 3500 DN of 4095.
+dark : the same as linear, with 20 to 2000 e-/s of dark current and dark frames of three exposures up to 1 s.
 
 A figure that is not printed is not counted as wrong: "printed" is the share of the cameras in which it has a value.
 """
@@ -33,7 +34,7 @@ from mitsuba_sensor.lab.measure.measurement import measure_bench
 from mitsuba_sensor.lab.quantity import Quantity
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
-KINDS = ("linear", "curved", "coarse", "lines", "hot", "few")
+KINDS = ("linear", "curved", "coarse", "lines", "hot", "few", "dark")
 EXPOSURE = ms.Exposure(0.001)
 LEVELS = (*np.linspace(0.03, 0.93, 11), 1.1, 1.3)
 """Of the light that fills the range."""
@@ -58,12 +59,14 @@ class Sample:
         codes_e = ((1 << camera.adc.bits) - 1 - camera.adc.black_level_dn) / gain
         return min(camera.pixel.full_well_e, codes_e) / self.true["η"]
 
-    def stack(self, photons: float, frames: int, seed: int) -> Stack:
+    def stack(
+        self, photons: float, frames: int, seed: int, exposure: ms.Exposure = EXPOSURE
+    ) -> Stack:
         """Frames of uniform light."""
         taken = ms.expose(
             np.full(SHAPE, photons),
             self.camera,
-            EXPOSURE,
+            exposure,
             frames=frames,
             serial=10_000 * KINDS.index(self.kind) + self.number,
             seed=seed,
@@ -76,7 +79,7 @@ class Sample:
         top = (1 << self.camera.adc.bits) - 1
         return Stack(
             np.minimum(codes, top).astype(np.uint16),
-            EXPOSURE.time_s,
+            exposure.time_s,
             photons,
             bits=self.camera.adc.bits,
             source=f"{photons:.4g} photons",
@@ -89,7 +92,12 @@ class Sample:
             levels = (*np.linspace(0.05, 0.95, 4 + self.number % 6), 1.2)
         flats = [self.stack(level * end, 2, 2 + k) for k, level in enumerate(levels)]
         flats.append(self.stack(HALF * end, 16, 1))
-        return Bench((), (self.stack(0.0, 16, 0),), tuple(flats))
+        darks = [self.stack(0.0, 16, 0)]
+        if self.kind == "dark":
+            darks += [
+                self.stack(0.0, 8, 50 + k, ms.Exposure(t)) for k, t in enumerate((0.3, 1.0))
+            ]
+        return Bench((), tuple(darks), tuple(flats))
 
 
 def random_sample(kind: str, number: int) -> Sample:
@@ -123,6 +131,7 @@ def random_sample(kind: str, number: int) -> Sample:
         curvature = rng.uniform(0.005, 0.04) * rng.choice([-1, 1])
     if kind == "few":
         curvature = rng.uniform(-0.3, 0.3)
+    rate = between(20.0, 2000.0) if kind == "dark" else 0.0
     spread_dn = gain * math.hypot(read_e, row_e, column_e, *dsnu_e)
     camera = ms.load_camera("bayer_2mp").replace(
         **{
@@ -134,7 +143,9 @@ def random_sample(kind: str, number: int) -> Sample:
             "pixel.full_well_e": well,
             "pixel.prnu": prnu,
             "pixel.dsnu_e": dsnu_e[2],
-            "dark_current.rate_e_per_s": 0.0,
+            "dark_current.rate_e_per_s": rate,
+            "dark_current.at_temperature_k": EXPOSURE.temperature_k,
+            "dark_current.cv": 0.0,
             "source_follower.read_noise_e": read_e,
             "source_follower.read_noise_cv": None,
             "source_follower.vv_nonlinearity": 1 + curvature,
@@ -164,6 +175,8 @@ def random_sample(kind: str, number: int) -> Sample:
         "σ_col": column_e,
         "σ_pixel": read_e,
     }
+    if rate:
+        true |= {"µ_I.mean": rate, "µ_I.var": rate}
     return Sample(kind, number, camera, true)
 
 

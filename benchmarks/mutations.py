@@ -77,7 +77,7 @@ MUTATIONS = (
     Mutation("render", "self._first + 0.5 * aperture.x", "self._first + aperture.x", "tests/render/test_half_pupil.py"),
     Mutation("render", "squares += (relative * part.electrons) ** 2", "squares += relative * part.electrons", "tests/render/test_light_groups.py"),
     # lab
-    Mutation("lab", "self.of_means - self.variance / self.frames", "self.of_means", "tests/lab/test_nonuniformity.py"),
+    Mutation("lab", "100 / float((in_light - in_dark).mean())", "100 / float(in_light.mean())", "tests/lab/test_nonuniformity.py"),
     Mutation("lab", "float(values.std(ddof=1)) / math.sqrt(len(values))", "float(values.std(ddof=1))", "tests/study/test_statistics.py"),
     # files and output
     Mutation("files", "sync_folder(path.parent)\n        finally", "pass\n        finally", "tests/dataset/test_store.py"),

@@ -37,7 +37,7 @@ from mitsuba_sensor.lab.measure.dark_current import dark_current
 from mitsuba_sensor.lab.measure.emva_linear import emva_linear
 from mitsuba_sensor.lab.measure.nonuniformity import nonuniformity
 from mitsuba_sensor.pages.drawing import png
-from mitsuba_sensor.pages.page import Plot, line, ringed
+from mitsuba_sensor.pages.page import Plot, line
 
 Figures = dict[str, float]
 SPATIAL_FRAMES = 32
@@ -293,8 +293,8 @@ def plot_of(results: dict[str, dict[str, float]], turns: int) -> Plot:
         for name, one in results.items()
     ]
     title, axis = "Frame error versus run time", "error of mean or temporal σ [DN]"
-    level = (2 * error_dn, "2 standard errors")
-    return Plot(title, "run time [ns/pixel]", axis, ringed(lines), level=level)
+    levels = {"2 standard errors": 2 * error_dn}
+    return Plot(title, "run time [ns/pixel]", axis, tuple(lines), levels=levels)
 
 
 def results_of(asked: argparse.Namespace, simulators: list[str], sheet: str) -> dict[str, Any]:
@@ -357,7 +357,7 @@ def main() -> None:
     quiet()
     if asked.plot:
         found = work_precision(used, asked.turns)
-        asked.plot.write_bytes(png(plot_of(found, asked.turns), small=True))
+        asked.plot.write_bytes(png(plot_of(found, asked.turns)))
         print(json.dumps({**machine(), "turns": asked.turns, "simulators": found}, indent=1))
         return
     results = {sheet: results_of(asked, used, sheet) for sheet in asked.sheets}

@@ -11,7 +11,6 @@ import os
 import statistics
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -20,7 +19,7 @@ from typing import Any
 from mitsuba_sensor.lab.statistics.estimators import ratio
 from mitsuba_sensor.study.kit import time_in_turns
 
-__all__ = ["alternate", "in_child", "lines", "ratio", "seconds_of", "speeds"]
+__all__ = ["alternate", "in_child", "lines", "ratio", "speeds"]
 
 HERE = Path(__file__).resolve().parent
 
@@ -33,13 +32,6 @@ def alternate(tasks: Mapping[str, Callable[[], object]], turns: int) -> dict[str
         return getattr(task, "runs", 1)
 
     return time_in_turns({name: partial(counted, task) for name, task in tasks.items()}, turns)
-
-
-def seconds_of(task: Callable[[], object]) -> float:
-    """Seconds of one call, divided by ``task.runs`` if the call makes several runs."""
-    start = time.perf_counter()
-    task()
-    return (time.perf_counter() - start) / getattr(task, "runs", 1)
 
 
 def speeds(

@@ -17,7 +17,7 @@ import mitsuba_sensor
 
 project, author = "mitsuba_sensor", "mitsuba_sensor developers"
 version = release = mitsuba_sensor.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_copybutton"]
 exclude_patterns = ["studies/work", "_build"]
 html_theme, html_title = "furo", f"mitsuba_sensor {version}"
 html_show_copyright = html_copy_source = False

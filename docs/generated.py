@@ -1,4 +1,4 @@
-"""The parts of the documentation that are made of the package: command line, API, stages, camera files, glossary.
+"""The parts of the documentation that are made of the package: command line, API, stages, camera files.
 
     python docs/generated.py
 
@@ -15,7 +15,8 @@ import json
 import re
 import sys
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -23,13 +24,12 @@ from typing import Any
 import numpy as np
 import typer
 from pydantic import BaseModel
-from pydantic.fields import FieldInfo
 from rich.text import Text
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera import Camera
 from mitsuba_sensor.camera.emva_sheet import COMPARED, KEYS, EmvaSheet
-from mitsuba_sensor.camera.field_catalogue import Table, markdown, markdown_rows, tables
+from mitsuba_sensor.camera.field_catalogue import Entry, markdown_rows, tables
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.cli.help import commands_below
 from mitsuba_sensor.render.scene.asked import materials
@@ -40,7 +40,7 @@ from mitsuba_sensor.render.scene.plugin_parameters import (
     SENSOR_PARAMETERS,
     PluginParameter,
 )
-from mitsuba_sensor.stages.chain import ORDER, stage_table, what_it_does
+from mitsuba_sensor.stages.chain import ORDER, what_it_does
 from mitsuba_sensor.stages.stage import UNITS, Stage
 
 MARK = re.compile(r"^<!-- generated: (\w+) -->$", re.M)
@@ -66,10 +66,28 @@ MOTION_TABLES: dict[str, type[BaseModel]] = {
 }
 SHOWN_NM = (700, 850, 1000, 1450, 1550, 2200)
 """Wavelengths of the table of measured materials."""
-WITHOUT_KEY = dict.fromkeys(
-    COMPARED, "none: it follows from the others, and is compared with them"
+SHORT = (
+    (r"whole number, ", "integer "),
+    (r"at least (\S+), at most (\S+)", r"\1 to \2"),
+    (r"above (\S+), at most (\S+)", r"> \1, ≤ \2"),
+    (r"at least (\S+), below (\S+)", r"≥ \1, < \2"),
+    (r"above (\S+), below (\S+)", r"> \1, < \2"),
+    (r"\bat least -?1e-06\b", "≥ 1e-6"),
+    (r"\bat least ", "≥ "),
+    (r"\bat most ", "≤ "),
+    (r"\babove ", "> "),
+    (r"\bbelow ", "< "),
+    (r"list of ≥ 2, each", "list of"),
+    (r"list, each a table", "list of tables"),
+    (r"list, each", "list of"),
+    (r"true or false", "boolean"),
+    (r"\ba (text|table)\b", r"\1"),
+    (r"any number", "number"),
+    (r"for each name", "by name:"),
 )
-WITHOUT_KEY["linearity_percent"] = "none: the camera is linear; `adc.ile` takes a curve"
+"""How the table of camera keys shortens a range."""
+WITHOUT_KEY = dict.fromkeys(COMPARED, "none; compared with the others")
+WITHOUT_KEY["linearity_percent"] = "none; see `adc.ile`"
 
 
 def with_generated_parts(page: str) -> str:
@@ -97,33 +115,53 @@ def pages_of(index: str) -> dict[str, list[str]]:
 
 
 def commands() -> str:
-    """Every command with its help and all its options."""
+    """Every command with its help; an option that several commands share is explained once, on top."""
     program = typer.main.get_command(app)
-    return "\n\n".join(_command(path, one) for path, one in commands_below(program))
+    found = dict(commands_below(program))
+    uses = Counter(_option(one) for command in found.values() for one in _options(command))
+    shared: dict[str, str] = {}
+    for row, count in uses.most_common():
+        if count > 1:
+            shared.setdefault(row.split("`")[1], row)
+    rows = sorted(shared.values(), key=lambda row: row.strip("| `-").lower())
+    head = ["| option | what it does |", "|---|---|"]
+    parts = ["\n".join([*head, *rows])]
+    for path, command in found.items():
+        parts.append(_command(path, command, set(rows)))
+    return "\n\n".join(parts)
 
 
-def _command(path: str, command: Any) -> str:
-    """The help of one command, and a row for each of its options."""
+def _options(command: Any) -> list[Any]:
+    return [one for one in command.params if one.param_type_name == "option"]
+
+
+def _command(path: str, command: Any, shared: set[str]) -> str:
+    """The help of one command, a row for each of its own options, and the names of the shared ones."""
     needed = [
         str(one.metavar or one.name.upper())
         for one in command.params
         if one.param_type_name == "argument"
     ]
     usage = " ".join(["mitsuba-sensor", path, *needed])
-    rows = [_option(one) for one in command.params if one.param_type_name == "option"]
-    table = ["| option | what it does |", "|---|---|", *rows]
-    text = textwrap.dedent(command.help or "").strip()
-    return "\n\n".join(
-        [f"## {path}", f"`{usage}`", _plain(text), "\n".join(table if rows else [])]
-    )
+    rows = [row for one in _options(command) if (row := _option(one)) not in shared]
+    others = ", ".join(_names(one) for one in _options(command) if _option(one) in shared)
+    parts = [f"## {path}", f"`{usage}`", _plain(textwrap.dedent(command.help or "").strip())]
+    if rows:
+        parts.append("\n".join(["| option | what it does |", "|---|---|", *rows]))
+    if others:
+        parts.append(f"Shared options: {others}.")
+    return "\n\n".join(parts)
+
+
+def _names(one: Any) -> str:
+    return ", ".join(f"`{name}`" for name in (*one.opts, *one.secondary_opts))
 
 
 def _option(one: Any) -> str:
-    names = ", ".join(f"`{name}`" for name in (*one.opts, *one.secondary_opts))
     value = (
         "" if one.is_flag else f" `{one.metavar or one.type.name.upper()}`".replace("|", "\\|")
     )
-    return f"| {names}{value} | {_plain(one.help or '')} |"
+    return f"| {_names(one)}{value} | {_plain(one.help or '')} |"
 
 
 def _plain(markup: str) -> str:
@@ -187,8 +225,42 @@ def sensor() -> str:
 
 
 def camera_file() -> str:
-    """The tables of all keys of a camera file."""
-    return markdown(Camera)
+    """The tables of all keys of a camera file, without the inside of a ray-transfer function."""
+    parts = []
+    for one in TABLES:
+        if not one.path.startswith("lens.prescription.ray_transfer"):
+            title = f"`{one.header}`\n\n{one.meaning}" if one.path else "Top of the file"
+            rows = "\n".join(map(_key, one.entries))
+            head = "| key | range | default | meaning |\n|---|---|---|---|"
+            parts.append(f"### {title}\n\n{head}\n{rows}")
+    return "\n\n".join(parts)
+
+
+def _key(entry: Entry) -> str:
+    allowed = entry.allowed
+    for pattern, short in SHORT:
+        allowed = re.sub(pattern, short, allowed)
+    allowed = f"{allowed} {entry.unit}".strip()
+    default = entry.default if entry.default in ("required", "") else f"`{entry.default}`"
+    cells = (f"`{entry.name}`", allowed, default, entry.meaning)
+    return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+
+
+def noise_sources() -> str:
+    """The names of the stages that can be switched off."""
+    return ", ".join(f"`{stage.key()}`" for stage in ORDER if not stage.no_noise)
+
+
+def stage_table() -> str:
+    """Every stage in the order of the chain: its key, what it computes, its names in the literature, its table."""
+    lines = [
+        "| stage | what it computes | names | keys in |",
+        "|---|---|---|---|",
+    ]
+    for stage in ORDER:
+        cells = (f"`{stage.key()}`", what_it_does(stage), stage.terms, f"`[{stage.table}]`")
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def emva_sheet() -> str:
@@ -205,50 +277,15 @@ def emva_sheet() -> str:
     return "\n".join(lines)
 
 
-def noise_sources() -> str:
-    """The stages that can be switched off, by their keys."""
-    lines = ["| name | noise source |", "|---|---|"]
-    for stage in ORDER:
-        if not stage.no_noise:
-            lines.append(f"| `{stage.key()}` | {stage.terms}: {what_it_does(stage)} |")
-    return "\n".join(lines)
-
-
 def motion_file() -> str:
     """Every field of a motion file, table by table."""
-    lines = ["| table | field | what it is | example |", "|---|---|---|---|"]
+    lines = ["| table | field | meaning | example |", "|---|---|---|---|"]
     for where, model in MOTION_TABLES.items():
         for name, info in model.model_fields.items():
             example = json.dumps(info.examples[0]) if info.examples else ""
-            meaning = (
-                info.description if info.is_required() else f"{info.description}; optional"
-            )
-            lines.append(f"| {where} | `{name}` | {meaning} | `{example}` |")
+            lines.append(f"| {where} | `{name}` | {info.description} | `{example}` |")
+            where = ""
     return "\n".join(lines)
-
-
-def glossary_of_stages() -> str:
-    """Every stage, and each of its keys that has a name in the literature, in the order of the chain."""
-    rows = []
-    for stage in ORDER:
-        fields = stage.fields.model_fields if stage.fields else {}
-        where = _file_of(stage)
-        untitled = [f"{stage.table}.{name}" for name, info in fields.items() if not info.title]
-        names = (*untitled, stage.__name__)
-        rows.append(
-            _glossary_row(stage.terms or stage.label, what_it_does(stage), names, where)
-        )
-        rows += _titled(stage.table, fields, where)
-    return _glossary(rows)
-
-
-def glossary_of_chip_and_lens() -> str:
-    """The keys of a camera file that belong to no stage: those of the chip, the pixel's geometry and the lens."""
-    rows = []
-    for one in TABLES:
-        if one.path and "." not in one.path and not one.of_list:
-            rows += _keys_of_no_stage(one)
-    return _glossary(rows)
 
 
 PARTS = {one.__name__: one for one in (api, stages)}
@@ -256,12 +293,12 @@ PARTS = {one.__name__: one for one in (api, stages)}
 
 
 def infrared_materials() -> str:
-    """Measured reflectances beyond 700 nm, at a few wavelengths, and their sources."""
+    """Measured reflectances beyond 700 nm, at a few wavelengths."""
     columns = " | ".join(f"{nm} nm" for nm in SHOWN_NM)
-    lines = [f"| name | {columns} | source |", "|---|" + "---|" * (len(SHOWN_NM) + 1)]
+    lines = [f"| name | {columns} |", "|---|" + "---|" * len(SHOWN_NM)]
     for material in materials().values():
         values = " | ".join(f"{value:.2f}" for value in material.at(np.array(SHOWN_NM)))
-        lines.append(f"| `{material.name}` | {values} | {material.source} |")
+        lines.append(f"| `{material.name}` | {values} |")
     return "\n".join(lines)
 
 
@@ -270,11 +307,9 @@ IN_PAGES = {
     for one in (
         stage_table,
         camera_file,
-        emva_sheet,
         noise_sources,
+        emva_sheet,
         motion_file,
-        glossary_of_stages,
-        glossary_of_chip_and_lens,
         infrared_materials,
         film,
         sensor,
@@ -394,40 +429,6 @@ def _stage(stage: type[Stage]) -> str:
     )
     title = stage.label[:1].upper() + stage.label[1:]
     return f"## {title}\n\n{facts}\n\n{described}{keys}"
-
-
-def _keys_of_no_stage(table: Table) -> Iterator[str]:
-    of_stages: set[str] = set()
-    for stage in ORDER:
-        if stage.table == table.path and stage.fields:
-            of_stages |= set(stage.fields.model_fields)
-    own = {key: x for key, x in table.model.model_fields.items() if key not in of_stages}
-    untitled = [f"{table.path}.{key}" for key, info in own.items() if not info.title]
-    where = _file_of(_declaring(table.model, next(iter(own)))) if own else ""
-    if untitled:
-        yield _glossary_row(f"table `{table.header}`", table.meaning, untitled, where)
-    yield from _titled(table.path, own, where)
-
-
-def _declaring(model: type[BaseModel], key: str) -> type:
-    """The class that a key is declared in: tables of a camera file are put together from several."""
-    return next(kind for kind in model.__mro__ if key in vars(kind).get("__annotations__", ()))
-
-
-def _titled(table: str, fields: dict[str, FieldInfo], where: str) -> Iterator[str]:
-    for key, info in fields.items():
-        if info.title:
-            yield _glossary_row(info.title, info.description or "", (f"{table}.{key}",), where)
-
-
-def _glossary(rows: Iterable[str]) -> str:
-    head = ("| symbol or term | meaning | name | file |", "|---|---|---|---|")
-    return "\n".join((*head, *rows))
-
-
-def _glossary_row(term: str, meaning: str, names: Iterable[str], file: str) -> str:
-    quoted = ", ".join(f"`{name}`" for name in names)
-    return f"| {term} | {meaning} | {quoted} | `{file}` |"
 
 
 def _file_of(kind: type) -> str:

@@ -1,7 +1,7 @@
-"""Make the pictures of docs/polarisation.md: what a polarisation camera sees of balls on a polished table.
+"""Make the pictures of docs/optics-and-pixels.md: what a polarisation camera sees of balls on a polished table.
 
 python examples/polarisation.py                                      # small, into polarisation/
-python examples/polarisation.py -o docs/images --width 240 --spp 128    # the pictures of docs/polarisation.md
+python examples/polarisation.py -o docs/images --width 240 --spp 128    # the pictures of docs/optics-and-pixels.md
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Make the images of the README: the first frame in three ways, and small plots of studies.
+"""Make the images of the README: the first frame in three ways, and the plots of studies.
 
     mitsuba-sensor render scenes/first_frame.xml -o out/
     mitsuba-sensor study stress -o out/stress
@@ -6,42 +6,21 @@
     python examples/readme_pictures.py out/irradiance.exr out/stress out/ablation -o docs/images
 
 The image without noise is the mean of all frames of this camera. The image with a tenth of the exposure time is shown
-ten times brighter. Each study's first plot is drawn again from its study.json.
+ten times brighter. Each study's first plot is copied from its folder.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.files.png import write_png
 from mitsuba_sensor.output.preview import preview
-from mitsuba_sensor.pages.drawing import png
-from mitsuba_sensor.pages.page import Bars, Grid
 
 SHORTER = 10.0
-KINDS: dict[str, Any] = {"bars": Bars, "grid": Grid}
-
-
-def write_small_plot(study: Path, pictures: Path) -> None:
-    """Draw the first plot of a study small, without engines that its machine lacks."""
-    parts = json.loads((study / "study.json").read_text("utf-8"))["parts"]
-    part = next(one for one in parts if one["kind"] in KINDS)
-    kind = part.pop("kind")
-    if kind == "grid":
-        here = [
-            k
-            for k, cells in enumerate(zip(*part["texts"], strict=True))
-            if "not here" not in cells
-        ]
-        part["columns"] = [part["columns"][k] for k in here]
-        for name in ("marks", "texts"):
-            part[name] = [[row[k] for k in here] for row in part[name]]
-    (pictures / f"readme_{study.name}.png").write_bytes(png(KINDS[kind](**part), small=True))
 
 
 def main() -> None:
@@ -65,7 +44,7 @@ def main() -> None:
         picture = preview(image, frames.camera, gain, illuminant=illuminant)
         write_png(pictures / f"first_frame{name}.png", picture)
     for study in options.studies:
-        write_small_plot(study, pictures)
+        shutil.copy(study / f"{study.name}.png", pictures / f"readme_{study.name}.png")
 
 
 if __name__ == "__main__":

@@ -5,8 +5,7 @@
 
 Radiometric function, photon transfer, SNR, PRNU, spectrograms and non-whiteness, dark signal with fits; linear and with
 the paper's curves; closed forms that must hold; a sentence wherever the text cannot be met. Writes study.html,
-study.json and a PNG of every figure; the exit code is 1 where a closed form does not hold. One that was stopped goes on
-where it was.
+study.json and a PNG of every figure; the exit code is 1 where a closed form does not hold.
 """
 
 from __future__ import annotations
@@ -16,10 +15,10 @@ import sys
 from functools import partial
 from pathlib import Path
 
-from paper import RECORDS, SMALL, measure_paper
+from paper import SMALL, measure_paper
 from paper.camera import FULL
 
-from mitsuba_sensor.study.running import StudyFolder
+from mitsuba_sensor.study.kit import run_study
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -30,15 +29,8 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     size = SMALL if given.small else FULL
     command = f"python reproduction/paper_pages.py{' --small' if given.small else ''}"
-    folder = StudyFolder(
-        given.out,
-        "paper",
-        {"size": repr(size)},
-        {"command": command},
-        RECORDS,
-        every_picture=True,
-    )
-    study = folder.run(partial(measure_paper, size=size), folder.measurements(), tell)
+    measure = partial(measure_paper, size=size)
+    study = run_study(given.out, measure, {"command": command}, tell, every_picture=True)
     print(
         "\n".join(
             (

@@ -75,7 +75,7 @@ TINY = ("--mpx", "0.01", "--content", "ramp", "--turns", "1")
 
 @pytest.mark.exhaustive
 def test_every_case_has_a_speed_and_a_ratio_and_parts_are_timed_against_the_whole() -> None:
-    arguments = "--electrons 1 1000 --engines numpy drjit --parts cases single short"
+    arguments = "--electrons 1 1000 --engines numpy drjit --parts cases single"
     speed = run("backend_speed.py", *TINY, *arguments.split())
     engines = {"numpy", "drjit"} - set(speed["refused"])
     assert [row["electrons"] for row in speed["cases"]["rows"]] == [1, 1000]
@@ -89,27 +89,19 @@ def test_every_case_has_a_speed_and_a_ratio_and_parts_are_timed_against_the_whol
         "plain",
         *(f"{name} {what}" for name in engines for what in ("sensor", "stream")),
     )
-    for engine in ("plain", *engines):
-        assert_speeds(speed["short"][engine], "full_chain", "shot_read_quantise")
 
 
 @pytest.mark.exhaustive
-def test_first_and_changed_frames_are_timed_in_new_processes() -> None:
-    arguments = "--electrons 1000 --engines drjit --parts first changed"
+def test_first_frames_are_timed_in_new_processes() -> None:
+    arguments = "--electrons 1000 --engines drjit --parts first"
     speed = run("backend_speed.py", *TINY, *arguments.split())
     if speed["refused"]:
         pytest.skip(speed["refused"]["drjit"])
-    first, changed = speed["first"]["drjit"], speed["changed"]["drjit"]
+    first = speed["first"]["drjit"]
     assert all(
         first[name] > 0 for name in ("fresh_first_s", "cached_first_s", "steady_s", "compile_s")
     )
     assert math.isfinite(first["cached_compile_s"])
-    assert changed["first_s"] > 0
-    for name, row in changed["streams"].items():
-        assert row["seconds"] > 0
-        assert row["compiled_kernels"] == 0, (
-            f"another {name} compiled {row['compiled_kernels']} kernels"
-        )
 
 
 @pytest.mark.exhaustive

@@ -1,4 +1,4 @@
-"""docs/camera-file.md: its numbers are those of its camera, its sentences those of the check, its commands run."""
+"""docs/camera-file.md: its numbers are those of its camera, its findings those of the check, its commands run."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PAGE = (ROOT / "docs" / "camera-file.md").read_text(encoding="utf-8")
 EXAMPLE = ROOT / "examples" / "cmv4000.toml"
 COMMANDS = lines(fenced(PAGE, "sh"))
 SMALL = "--width", "16", "--spp", "16", "--wavelength-nm", "550", "--no-denoise"
-MISTAKES = re.findall(r"^\| `([\w.]+) = (\S+)` \| (error|warning): ", PAGE, re.M)
+MISTAKES = re.findall(r"^\| `([\w.]+) = (\S+)` \| (error|warning) \| .*`(\S+)` \|$", PAGE, re.M)
 
 
 def test_each_line_of_the_worked_example_is_in_the_camera_file() -> None:
@@ -45,10 +45,10 @@ def test_the_example_is_the_camera_of_the_data_sheet() -> None:
 
 
 @pytest.mark.parametrize(
-    ("dotted", "value", "level"), MISTAKES, ids=[one[0] for one in MISTAKES]
+    ("dotted", "value", "level", "said"), MISTAKES, ids=[one[0] for one in MISTAKES]
 )
-def test_a_mistake_of_the_page_is_found_in_its_field(
-    dotted: str, value: str, level: str, tmp_path: Path
+def test_a_mistake_of_the_page_gets_the_suggestion_of_the_page(
+    dotted: str, value: str, level: str, said: str, tmp_path: Path
 ) -> None:
     table, key = dotted.split(".")
     meant = "full_well_e" if key == "full_wel_e" else key
@@ -57,8 +57,12 @@ def test_a_mistake_of_the_page_is_found_in_its_field(
     path.write_text(
         text.replace(f"\n[{table}]\n", f"\n[{table}]\n{key} = {value}\n"), encoding="utf-8"
     )
-    (finding,) = ms.check_camera(path)[:1]
-    assert finding.level == level and dotted.partition(".")[2] in finding.text
+    found = ms.check_camera(path)
+    assert found[0].level == level and said in found[0].text
+
+
+def test_the_page_shows_every_kind_of_mistake() -> None:
+    assert len(MISTAKES) == 10
 
 
 def test_the_commands_of_the_page_run_in_their_order(

@@ -123,7 +123,7 @@ def test_a_dark_frame_has_a_picture_beside_it_that_is_brighter_and_says_by_how_m
 
 def test_a_page_explains_every_key_of_frame_json() -> None:
     """The keys of the file, those of its tables but options, versions and the camera, and all that can end a render."""
-    page = (ROOT / "docs" / "frame-json.md").read_text("utf-8")
+    page = (ROOT / "docs" / "frames.md").read_text("utf-8")
     metadata = ms.capture(FLAT, NAME, EXPOSURE, **QUICK).metadata
     explained = set(re.findall(r"`([A-Za-z_0-9]+)…?`", page))
     inside = {*metadata["counts"], *metadata["bands"]} - {"wavelengths_nm", "bandwidths_nm"}

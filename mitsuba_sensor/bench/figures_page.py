@@ -35,8 +35,8 @@ MAIN_HEADINGS = "figure | measured | 95 % from | to | unit | datasheet"
 HEADINGS = "symbol | figure | measured | 95 % from | to | unit | datasheet | z | one chip from | to | section | note"
 OF_TABLE = (
     "z: distance from the datasheet in standard errors; one chip from, to: where the figure of a single chip of this "
-    "datasheet lies as it is measured here, where that is not the datasheet's value alone. A figure is marked where it "
-    "is farther from that range than chance allows for so many figures"
+    "datasheet lies as it is measured here, where that is not the datasheet's value alone. A figure fails if it is "
+    "farther from that range than chance allows for so many figures"
 )
 """Below the table of all figures."""
 
@@ -85,7 +85,7 @@ def characterized(
     ]
     return study_of(
         "characterize",
-        f"{name} measured as EMVA 1288 does",
+        f"EMVA 1288 figures of {name}",
         sections,
         measured=figures,
         z_limit=limit,
@@ -97,62 +97,45 @@ def filter_section(
     measured: Measurement, datasheet: Mapping[str, Said], limit: float
 ) -> Section:
     """Figures behind one filter: those that are compared with the datasheet must be its own, none may be hidden."""
-    where = ""
-    if measured.filter_name:
-        where = f" behind {measured.filter_name}"
-    rows = []
+    where = f", {measured.filter_name} pixels" if measured.filter_name else ""
+    rows, wrong, compared = list[MarkedRow](), list[Quantity](), 0
     for figure in measured.figures.values():
         row = figure_row(figure, datasheet, limit)
         rows += [row, *_in_decibels(row)]
-    wrong = [cells for mark, cells in rows if mark == "bad" and cells[5] != DECIBELS]
-    compared = sum(mark in ("good", "bad") and cells[5] != DECIBELS for mark, cells in rows)
+        compared += row[0] != ""
+        wrong += [figure] if row[0] == "bad" else []
     findings = []
     if compared:
         findings.append(
             f"{compared - len(wrong)} of {compared} figures{where} agree with the datasheet within {limit:.1f} "
             "standard errors"
         )
-    if chips := list(_outside_of_interval(measured.figures, datasheet)):
-        findings.append(
-            f"the datasheet's value is outside of the 95 % interval{where}, and as single chips are measured here: "
-            f"{', '.join(chips)}"
-        )
-    for symbol, _, value, _, _, unit, said, *_ in wrong:
-        both = f"{symbol}{where}: measured {value:.4g}, datasheet {said:.4g} {unit}"
-        findings.append(both.rstrip())
+    for one in wrong:
+        said = f"measured {one.value:.4g}, datasheet {datasheet[one.symbol].value:.4g}"
+        findings.append(f"{one.symbol}{where}: {said} {one.unit}".rstrip())
     if measured.hidden:
         findings.append(
             f"not measured{where}, because pixels of the frames are at the lowest or highest code: "
             f"{', '.join(measured.hidden)}"
         )
-    findings += [
-        f"not measured{where}: {title}: {sentence}"
-        for title, sentence in measured.refused.items()
-    ]
-    findings += [f"{where.lstrip()}: {note}" if where else note for note in measured.notes]
+    refused = measured.refused.items()
+    findings += [f"not measured{where}: {title}: {sentence}" for title, sentence in refused]
+    findings += [f"{where[2:]}: {note}" if where else note for note in measured.notes]
     shown = [(mark, with_digits(cells)) for mark, cells in rows]
-    main: list[MarkedRow] = []
-    for mark, cells in shown:
-        if cells[0] in MAIN:
-            main.append(
-                ("" if mark == "good" else mark, (f"{cells[0]} {cells[1]}", *cells[2:7]))
-            )
+    main = [
+        (mark, (f"{cells[0]} {cells[1]}", *cells[2:7]))
+        for mark, cells in shown
+        if cells[0] in MAIN
+    ]
     parts: tuple[Part, ...] = (
         table(f"Main figures{where}", MAIN_HEADINGS, main),
         *(Drawing(f"{name}{where}", draw) for name, draw in measured.drawings.items()),
         table(f"All figures{where}", HEADINGS, shown, OF_TABLE),
     )
-    failed = [f"{cells[0]}{where}" for cells in wrong]
-    if measured.hidden:
-        failed.append(f"clipped frames{where}")
-    missing = [f"{title}{where}" for title in measured.refused]
-    return Section(
-        tuple(findings),
-        not wrong and not measured.hidden,
-        parts,
-        failed=tuple(failed),
-        missing=tuple(missing),
-    )
+    failed = [f"{one.symbol}{where}" for one in wrong]
+    failed += [f"clipped frames{where}"] if measured.hidden else []
+    missing = tuple(f"{title}{where}" for title in measured.refused)
+    return Section(tuple(findings), not failed, parts, failed=tuple(failed), missing=missing)
 
 
 def figure_row(figure: Quantity, datasheet: Mapping[str, Said], limit: float) -> MarkedRow:
@@ -249,15 +232,3 @@ def _distance(figure: Quantity, value: float) -> float:
     if figure.low <= value <= figure.high:
         return 0.0
     return math.copysign(math.inf, figure.value - value)
-
-
-def _outside_of_interval(
-    figures: Mapping[str, Quantity], sheet: Mapping[str, Said]
-) -> Iterator[str]:
-    """The figures whose interval does not hold the datasheet's value, while it meets the range of single chips."""
-    for symbol, figure in figures.items():
-        said = sheet.get(symbol)
-        if said is None or said.low == said.high or figure.covers(said.value):
-            continue
-        if figure.low <= said.high and figure.high >= said.low:
-            yield (f"{symbol} ({said.low:.4g} to {said.high:.4g} {figure.unit}".rstrip() + ")")

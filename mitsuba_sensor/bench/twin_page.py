@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
+
+import numpy as np
 
 import mitsuba_sensor as ms
 
@@ -26,8 +28,10 @@ from ..lab.quantity import Quantity
 from ..lab.statistics.estimators import z_limit
 from ..lab.twin import Twin
 from ..pages.page import Drawing, Mark, MarkedRow, Plot, Section, Study, line, study_of, table
-from .twin_frames import Simulated
 
+ASSUMED_K = 298.15
+"""Temperature where frames do not say it, as of the camera file."""
+SEED = 1288
 MOST_STACKS = 4
 """Held-out stacks that are compared: the shortest and the longest dark, and the flats with most frames."""
 
@@ -39,6 +43,53 @@ BELOW_END = 0.9
 
 LAGS = 3
 Report = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """Takes frames of a twin.  camera : from its tables.  maps : measured ones."""
+
+    twin: Twin
+    camera: ms.Camera
+    maps: Mapping[str, Float64Array]
+
+    def like(self, real: Stack, number: int) -> Stack:
+        """As many frames of the same light, exposure time and temperature.  number : of the stack; seeds its noise.
+
+        The light is such that the mean of each filter is the real one.
+        """
+        wavelength_nm = self.twin.wavelength_nm or self.camera.quantum_efficiency.reference_nm
+        wavelengths = [wavelength_nm or sum(self.camera.band_nm) / 2]
+        exposure = ms.Exposure(real.exposure_s, real.temperature_k or ASSUMED_K)
+        taken = ms.expose(
+            self._photons(real, wavelengths)[..., None],
+            self.camera,
+            exposure,
+            wavelengths_nm=wavelengths,
+            maps=self.maps,
+            frames=len(real),
+            seed=SEED + number,
+        )
+        return replace(real, frames=taken.digital, source=f"twin of {real.source}")
+
+    def _photons(self, real: Stack, wavelengths_nm: list[float]) -> Float64Array:
+        """Mean photons per pixel, (H, W): the real signal of each filter in electrons over its quantum efficiency."""
+        if real.dark:
+            return np.zeros(real.shape)
+        names, efficiency = self.camera.filter_names, self.camera.qe(wavelengths_nm)[:, 0]
+        index = self.camera.filter_index(real.shape)
+        signal = real.mean - self.twin.base.dark.expected_frame(real.exposure_s)
+        found = np.zeros(real.shape)
+        for number, name in enumerate(names):
+            pixels = index == number
+            response = self.twin.base.responses.get(name) or self.twin.base.brightest
+            level = response.straight(np.array([max(float(signal[pixels].mean()), 0.0)]))[0]
+            found[pixels] = (
+                level
+                / self.twin.base.gain.quantity.value
+                / max(float(efficiency[number]), 1e-6)
+            )
+        return found
 
 
 class Compared(NamedTuple):
@@ -123,9 +174,7 @@ def chosen_stacks(held_out: Bench) -> list[Stack]:
         key=lambda one: (one.exposure_s, one.temperature_k or 0.0),
     )
     flats = sorted(held_out.flats, key=len, reverse=True)
-    ends = darks
-    if len(darks) > 1:
-        ends = [darks[0], darks[-1]]
+    ends = darks[:: len(darks) - 1] if len(darks) > 1 else darks
     return [*ends, *flats[: MOST_STACKS - len(ends)]]
 
 
@@ -146,10 +195,7 @@ def alike_pixels(stack: Stack) -> Stack:
 
 def line_figures(stack: Stack) -> list[Quantity]:
     """Noise of rows and columns and correlations from frame to frame, where there are enough frames for them."""
-    if len(stack) > 1:
-        figures = list(line_noise(stack).quantities)
-    else:
-        figures = []
+    figures = list(line_noise(stack).quantities) if len(stack) > 1 else []
     if len(stack) > 2:
         figures += correlation(stack, LAGS).temporal
     return [figure for figure in figures if math.isfinite(figure.value)]
@@ -217,9 +263,7 @@ def figures_section(twin: Twin) -> Section:
     """All figures with their intervals, of every gain setting."""
     rows: list[MarkedRow] = []
     for setting in twin.settings:
-        prefix = ""
-        if len(twin.settings) > 1:
-            prefix = f"{setting.name}: "
+        prefix = f"{setting.name}: " if len(twin.settings) > 1 else ""
         for name, figure in replace(twin, settings=(setting,)).figures().items():
             quantity = figure.quantity
             interval = quantity.value, quantity.low, quantity.high
@@ -262,13 +306,9 @@ def distances_section(compared: Sequence[Compared]) -> Section:
         mark: Mark = "good" if test.probability >= limit else "bad"
         rows.append((mark, (name, test.name, test.statistic, test.probability, test.detail)))
         failed += [f"{name}: {test.name}"] if mark == "bad" else []
-    verdict = "all pass"
-    if failed:
-        verdict = f"not passed: {'; '.join(failed)}"
-    text = (
-        f"{len(tests)} Kolmogorov-Smirnov tests of the twin's frames against frames that the fit did not use: "
-        f"{verdict}"
-    )
+    verdict = f"not passed: {'; '.join(failed)}" if failed else "all pass"
+    against = "of the twin's frames against frames that the fit did not use"
+    text = f"{len(tests)} Kolmogorov-Smirnov tests {against}: {verdict}"
     shown = table(
         "Frames that the fit did not use beside the twin's",
         "stack | of | D [1] | p [1] | compared",
@@ -305,9 +345,8 @@ def transfer_section(twin: Twin, residuals: Sequence[Mapping[str, float]]) -> Se
         (line("flat fields", points, joined=False),),
         log_x=False,
         log_y=False,
-        level=(0.0, "no difference"),
+        levels={"no difference": 0.0},
     )
-    failed: list[str] = []
-    if abs(worst["z"]) > most:
-        failed.append(f"photon transfer ({worst['z']:.2g} σ at {worst['mean_dn']:.4g} DN)")
-    return Section((text,), not failed, (curve, shown), failed=tuple(failed))
+    failed = (f"photon transfer ({worst['z']:.2g} σ at {worst['mean_dn']:.4g} DN)",)
+    failed = failed if abs(worst["z"]) > most else ()
+    return Section((text,), not failed, (curve, shown), failed=failed)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ..core import Electrons, Exposure, Frame, InputError, SensorWindow, check_types
+from ..core.html import Table, fragment
 from ..core.special import root
 from ..stages.combined_readouts import combined_of
 from ..stages.effects.adc import BLACK_LEVEL_AT
@@ -73,6 +74,14 @@ class EmvaFigures:
     def __repr__(self) -> str:
         shown = ", ".join(f"{one.symbol} {one.value:.4g} {one.unit}" for one in self.table())
         return f"<EmvaFigures: {shown}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (one.name, one.symbol, f"{one.value:.4g}", one.unit, one.section)
+            for one in self.table()
+        ]
+        heading = "figure", "symbol", "value", "unit", "section"
+        return fragment("EMVA 1288 figures of the datasheet", Table(heading, rows))
 
     @property
     def snr_max_db(self) -> float:

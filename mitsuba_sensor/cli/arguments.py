@@ -20,8 +20,10 @@ def _argument(
 
 
 def _out(metavar: str, help: str) -> object:
-    panel = {"rich_help_panel": OUTPUT, "autocompletion": shell_files}
-    return typer.Option("-o", "--out", metavar=metavar, help=help, **panel)
+    flags = ("-o", "--out")
+    return typer.Option(
+        *flags, metavar=metavar, help=help, rich_help_panel=OUTPUT, autocompletion=shell_files
+    )
 
 
 def _switch(flag: str, help: str) -> object:

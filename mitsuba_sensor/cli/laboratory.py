@@ -79,7 +79,7 @@ class CharacterizeFlags(SimulatedFlags, total=False):
     options.CameraFlags,
     CharacterizeFlags,
     StudyFlags,
-    without=("exposure_s", "meter", "force"),
+    without=("exposure_s", "meter"),
     first=("out", "as_json", "camera", "frames", "bits", "wavelength_nm", "gain"),
 )
 def characterize(**flags: Flag) -> None:
@@ -152,10 +152,12 @@ def _of_files(flags: Flags, asked: CharacterizeFlags) -> "tuple[Study, str]":
     if flags["camera"]:
         camera, wavelength_nm = _camera(flags)[0], bench.wavelength_nm
         qe = None if wavelength_nm is None else camera.qe([wavelength_nm])[:, 0]
-        name, sheet = camera.name, _datasheet(flags, bench, qe)
+        sheet = _datasheet(flags, bench, qe)
+        name = f"{name}, beside the datasheet of {camera.name}"
     stacks = [stack.source for stack in bench.stacks]
-    about = {"frames": frames, "camera": name, "stacks": stacks, **how_made()}
-    return characterized(name, measured, sheet, **about), f"measured: frames from {frames}"
+    about = {"frames": frames, "camera": flags["camera"] or name, "stacks": stacks}
+    remark = f"measured: frames from {frames}"
+    return characterized(name, measured, sheet, **about, **how_made()), remark
 
 
 def _at_gain(bench: "Bench", gain: object) -> "Bench":

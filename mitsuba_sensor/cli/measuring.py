@@ -17,7 +17,7 @@ from .app import show, show_remarks
 from .tables import ResultTable
 
 if TYPE_CHECKING:
-    from ..pages.page import Grid, Study, Table
+    from ..pages.page import Study, Table
 
 PANEL = "Simulated frames"
 STYLES = {"good": "green", "bad": "bold red", "best": "bold green", "dim": "dim", "": ""}
@@ -89,38 +89,25 @@ def finish(
 
 
 def study_sheet(found: "Study", path: str) -> RenderableType:
-    """The verdict of a study, its findings and its tables; plots are in the page.  path : of the page."""
-    from ..pages.page import Grid, Table
+    """The verdict of a study, its findings and its tables; pictures are on the page.  path : of the page."""
+    from ..pages.page import Table
 
     style = "bold red"
     if found.passed:
         style = "bold yellow" if found.missing else "bold green"
-    verdict = (found.verdict, style)
-    title = Text.assemble((found.title, "bold"), " – ", verdict, " → ", (path, "bold"))
+    title = Text.assemble((found.title, "bold"), " – ", (found.verdict, style), f" → {path}")
     tables = [_table(part) for part in found.parts if isinstance(part, Table) and part.rows]
-    grids = [_grid(part) for part in found.parts if isinstance(part, Grid)]
-    return Group(title, *(Text(f"• {one}") for one in found.findings), *grids, *tables)
-
-
-def _grid(part: "Grid") -> ResultTable:
-    drawn = ResultTable(("", *part.columns), part.title)
-    for name, marks, cells in zip(part.rows, part.marks, part.texts, strict=True):
-        styled = zip(cells, marks, strict=True)
-        drawn.add_row(name, *(Text(cell, STYLES[mark]) for cell, mark in styled))
-    return drawn
+    return Group(title, *(Text(f"• {one}") for one in found.findings), *tables)
 
 
 def _table(table: "Table") -> ResultTable:
-    from ..pages.html_page import text
+    from ..pages.html_page import FIGURE_SPACE, POINT_SPACE, shown
 
-    rows = [*zip(table.marks or ("",) * len(table.rows), table.rows, strict=True)]
-    most = [row for row in rows if row[0] in ("bad", "best")]
-    shown = rows if len(rows) <= ROWS_MAX else most
-    hidden = len(rows) - len(shown)
-    drawn = ResultTable(
-        table.columns, table.title, f"{hidden} more rows in the page" if hidden else ""
-    )
-    for mark, row in shown:
-        cells = (f"{x:.3g}" if isinstance(x, float) else text(x) for x in row)
-        drawn.add_row(*cells, style=STYLES[mark])
+    headings, _, rows = shown(table)
+    few = rows if len(rows) <= ROWS_MAX else [row for row in rows if row[0] in ("bad", "best")]
+    more = f"{len(rows) - len(few)} more rows in the page" if len(few) < len(rows) else ""
+    drawn = ResultTable(headings, table.title, more)
+    for mark, cells in few:
+        plain = (cell.rstrip(FIGURE_SPACE + POINT_SPACE) for cell in cells)
+        drawn.add_row(*plain, style=STYLES[mark])
     return drawn

@@ -198,18 +198,9 @@ class StudyFlags(TypedDict, total=False):
     out: Annotated[
         str | None,
         Option(
-            "Folder for the page and its data. Default: study/ and the study's name.",
+            "Folder for the page and its data. Default: the command's name; for a study, study/ and its name.",
             flag="-o --out",
             metavar="DIR",
-            panel="Output",
-        ),
-    ]
-    force: Annotated[
-        bool,
-        Option(
-            "Measure again what the folder holds already.",
-            False,
-            flag="--force",
             panel="Output",
         ),
     ]

@@ -53,7 +53,7 @@ class SheetFlags(SimulatedFlags, total=False):
     frames: Annotated[
         str | None,
         Option(
-            "Measure frames of a real camera: a folder with a folder for each chart, see docs/sheet.md.",
+            "Measure frames of a real camera: a folder with a folder for each chart, see docs/image-quality.md.",
             metavar="DIR",
             panel=PANEL,
         ),
@@ -68,7 +68,7 @@ class SheetFlags(SimulatedFlags, total=False):
     CameraFlags,
     SheetFlags,
     StudyFlags,
-    without=("camera", "exposure_s", "meter", "temperature_k", "gain", "force"),
+    without=("camera", "exposure_s", "meter", "temperature_k", "gain"),
     first=("gains", "temperatures", "charts", "frames", "compare", "out", "as_json"),
 )
 def sheet(
@@ -83,7 +83,7 @@ def sheet(
     ~/.cache/mitsuba-sensor.
 
     Writes sheet.html, sheet.json and sheet.csv; --compare writes comparison.html, comparison.json and comparison.csv.
-    Exit code 1: a figure is not what theory says.
+    Exit code 1: a figure is not what theory says, of a compared sheet too.
     """
     from ..bench.sheet.page import csv_text
     from ..core import first_given
@@ -128,8 +128,7 @@ def _of_camera(
 def _parts(camera: "Camera", asked: SheetFlags, progress: "Report") -> "list[ChartPart]":
     """What the charts show of a camera at every setting that is asked for."""
     from ..bench.sheet.charts import chosen_charts
-    from ..bench.sheet.setting import settings_of
-    from ..bench.sheet.sheet import simulated_sheet
+    from ..bench.sheet.sheet import settings_of, simulated_sheet
     from ..core import first_given
 
     settings = settings_of(
@@ -146,7 +145,7 @@ def _of_frames(
 ) -> "Study":
     """The sheet of frames from disk."""
     from ..bench.sheet.page import sheet_study
-    from ..bench.sheet.real_frames import sheet_of_frames
+    from ..bench.sheet.sheet import sheet_of_frames
     from .inputs import camera_of
 
     refuse_beside_frames(asked, ("gains", "temperatures", "charts", "serial", "seed"))
@@ -165,7 +164,7 @@ def _comparison(
     progress: "Report",
 ) -> "Study":
     """Two sheets side by side; one of a camera is made first."""
-    from ..bench.sheet.comparison import compared, read_sheet
+    from ..bench.sheet.comparison import Sheet, compared, read_sheet
     from ..bench.sheet.page import sheet_study
     from .inputs import camera_of
 
@@ -180,9 +179,9 @@ def _comparison(
         one: camera_of({**flags, "camera": one}) for one in compare if one not in on_disk
     }
     for one, camera in cameras.items():
-        sheets[one] = sheet_study(camera.name, _parts(camera, asked, progress)).data["rows"]
-    names = tuple(Path(one).name or one for one in compare)
-    return compared((names[0], names[1]), (sheets[compare[0]], sheets[compare[1]]))
+        made = sheet_study(camera.name, _parts(camera, asked, progress))
+        sheets[one] = Sheet(camera.name, made.data["rows"])
+    return compared(sheets[compare[0]], sheets[compare[1]])
 
 
 def _names(text: str | None) -> list[str]:

@@ -13,7 +13,6 @@ import typer
 from ..core import require
 from ..core.options import complete, part_of
 from ..render.options import SceneOptions
-from ..stopping import remark_if_stopped
 from . import arguments, options
 from .app import app, err
 from .help import Command, Group
@@ -22,17 +21,16 @@ from .progress import share_bar
 from .values import Flag
 
 if TYPE_CHECKING:
-    from ..output.measurements import Measurements
     from ..pages.page import Study
-    from ..study.kit import Kit, Subject
+    from ..study.kit import Progress, Subject
     from .inputs import RenderInput
 
 study = typer.Typer(
     cls=Group,
     no_args_is_help=True,
     help="How good the numbers are, what they cost, and what could be left out: tables, plots and a page.\n\n"
-    "Each writes study.html (a page that needs nothing else), study.json and a PNG of its first plot. One that was "
-    "stopped goes on where it was when the same command is given again. Exit code 1: a check failed.",
+    "Each writes study.html (a page that needs nothing else), study.json and a PNG of its first plot. Exit code 1: "
+    "a check failed.",
 )
 app.add_typer(study, name="study")
 
@@ -54,9 +52,9 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
     """Error against run time of SCENE, of the render and of the sensor, and the setting to take.
 
     Bands, channels, denoising and variants against a reference of known error; engines, precisions and plans of the
-    sensor against NumPy in float64. Small pictures are enough (--width 48).
+    sensor against NumPy in float64, in frames of the scene's size. Small pictures are enough (--width 48).
     """
-    from ..study.work_precision import RECORDS, SIDES
+    from ..study.work_precision import SIDES
     from ..study.work_precision import work_precision as measured
     from .inputs import render_input, taken_by_default
 
@@ -67,10 +65,10 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
     found, _ = render_input(
         scene, {**flags, "variant": next(iter(asked["variants"] or ()), None)}
     )
-    subject, question = _subject(scene, found, flags)
-    measure = partial(measured, subject=subject, sides=sides, **asked)
+    subject = _subject(scene, found, flags)
+    measure = partial(measured, subject, sides=sides, **asked)
     defaults = taken_by_default(flags, found.scene.settings, found.camera)
-    _run("work-precision", flags, {**question, **asked}, measure, RECORDS, defaults)
+    _run("work-precision", flags, measure, subject, defaults)
 
 
 @study.command(
@@ -89,10 +87,9 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
 def ablation(scene: arguments.Scene, **flags: Flag) -> None:
     """What each noise source and each feature of the render does to SCENE, and what leaving it out would save.
 
-    Every change of the frames is predicted by theory and measured in frames; the two must agree.
+    Changes are measured in frames with the same random numbers; those of the plan must keep its tolerance.
     """
     from ..core import first_given
-    from ..study.ablation import RECORDS
     from ..study.ablation import ablation as measured
     from .inputs import render_input, taken_by_default
 
@@ -101,12 +98,10 @@ def ablation(scene: arguments.Scene, **flags: Flag) -> None:
     found, _ = render_input(scene, flags)
     for name in ("seed", "serial"):
         asked[name] = first_given(asked[name], getattr(found.scene.settings, name), 1)
-    subject, question = _subject(
-        scene, found, flags, spp=asked.pop("spp"), variant=flags["variant"]
-    )
-    measure = partial(measured, subject=subject, **asked)
+    subject = _subject(scene, found, flags, spp=asked.pop("spp"), variant=flags["variant"])
+    measure = partial(measured, subject, **asked)
     defaults = taken_by_default(flags, found.scene.settings, found.camera)
-    _run("ablation", flags, {**question, **asked}, measure, RECORDS, defaults)
+    _run("ablation", flags, measure, subject, defaults)
 
 
 @study.command(
@@ -114,88 +109,59 @@ def ablation(scene: arguments.Scene, **flags: Flag) -> None:
 )
 @options.flags(StudyFlags)
 def stress(**flags: Flag) -> None:
-    """Extreme inputs of every stage on every engine: whether the results are those that are expected.
+    """Stiff and extreme cases on every engine: how far each result is from what must come, over how far it may be.
 
-    And how far the last bit of an input in float32 moves a result (condition numbers). It takes some minutes.
+    It takes some minutes.
     """
-    from ..study.stress import RECORDS
     from ..study.stress import stress as measured
 
-    _run("stress", flags, {}, measured, RECORDS)
+    _run("stress", flags, measured)
 
 
-def _subject(
-    scene: str, found: "RenderInput", flags: Flags, **more: Flag
-) -> "tuple[Subject, dict[str, Flag]]":
-    """What a study of a scene is about, and all that decides what is measured of it. more : options of the render."""
+def _subject(scene: str, found: "RenderInput", flags: Flags, **more: Flag) -> "Subject":
+    """What a study of a scene is about.  more : options of the render."""
     from ..render.passes.prepared import prepare
     from ..sensor.metering import Metering
     from ..study.kit import Subject
 
-    parameters = flags["parameters"] or {}
-    same = {
-        name: flags[name]
-        for name in ("scene_unit", "width", "integrator", "ignore_polarization")
-    }
-    render = {"parameters": parameters, **same, **more}
-    about = {"scene": str(scene), "scene_sha256": found.scene.digest()}
+    names = ("scene_unit", "width", "integrator", "ignore_polarization")
+    same = {name: flags[name] for name in names}
+    render = {"parameters": flags["parameters"] or {}, **same, **more}
     exposure = found.exposure
     if isinstance(exposure, Metering):
         exposure = prepare(scene, found.camera, exposure, **render).metered_first().exposure
-    question = {
-        **about,
-        "camera": found.camera.model_dump(),
-        "exposure": asdict(exposure),
-        "render": render,
-    }
-    return Subject(scene, found.camera, exposure, render), question
+    return Subject(scene, found.camera, exposure, render)
 
 
 def _run(
     name: str,
     flags: Flags,
-    question: dict[str, Flag],
-    measure: "Callable[[Kit], Study]",
-    records: tuple[type, ...] = (),
+    measure: "Callable[[Progress], Study]",
+    subject: "Subject | None" = None,
     defaults: Sequence[str] = (),
 ) -> None:
-    """Run a study and show what it found.
-
-    question : all that decides what is measured.  records : classes that its measurements consist of.
-    defaults : what is said of values that nobody gave.
-    """
+    """Run a study and show what it found.  defaults : what is said of values that nobody gave."""
     from ..core import first_given
     from ..files.appearing import refuse_empty
-    from ..study.running import StudyFolder
+    from ..study.kit import NUMBERS, PAGE, run_study
     from .measuring import finish
 
     out = first_given(flags["out"], f"study/{name}")
     refuse_empty(out, "-o", "give the name of a folder, e.g. -o study/out")
     about: dict[str, object] = {"command": _command()}
-    if question:
-        camera = question["camera"]["name"]
-        about |= {name: question[name] for name in ("scene", "exposure")} | {"camera": camera}
-    folder = StudyFolder(Path(out), name, question, about, records)
-    known = folder.measurements(flags["force"])
-    remark_if_stopped(partial(_kept, known))
+    if subject is not None:
+        about |= {"scene": str(subject.scene), "camera": subject.camera.name}
+        about["exposure"] = asdict(subject.exposure)
     with share_bar(err) as progress:
-        outcome = folder.run(measure, known, progress)
-    finish(outcome, out, folder.written, flags["as_json"], defaults)
+        outcome = run_study(Path(out), measure, about, progress)
+    finish(outcome, out, (PAGE, NUMBERS, f"{name}*.png"), flags["as_json"], defaults)
 
 
 def _command() -> str:
     """The command that was given, without where it writes and how it shows what it found."""
-    without, before = ("-o", "--out"), ""
-    asked = ["mitsuba-sensor"]
+    without, before, asked = ("-o", "--out"), "", ["mitsuba-sensor"]
     for argument in sys.argv[1:]:
-        if argument not in (*without, "--json", "--force") and before not in without:
+        if argument not in (*without, "--json") and before not in without:
             asked.append(argument)
         before = argument
     return shlex.join(asked)
-
-
-def _kept(known: "Measurements") -> str | None:
-    """What a stopped study leaves."""
-    if not known:
-        return None
-    return f"{len(known)} measurement(s) are kept in {known.folder}; the same command continues from there"

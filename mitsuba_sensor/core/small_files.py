@@ -1,5 +1,6 @@
 """Limits of what is read, which hold before it is parsed or unpacked: kind, size and depth of a file."""
 
+import errno
 import json
 import os
 import re
@@ -47,7 +48,10 @@ def require_regular(path: str | os.PathLike[str], what: str = "the file") -> int
 
     what : the file is, for the message.
     """
-    found = os.stat(path)
+    try:
+        found = os.stat(path)
+    except ValueError:  # a NUL in the name
+        raise FileNotFoundError(errno.ENOENT, "No such file", os.fspath(path)) from None
     if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):  # readers refuse it
         raise InputError(f"{what} {os.fspath(path)} is no regular file; give the path of one.")
     return found.st_size

@@ -191,7 +191,7 @@ class Sample:
             frame of this sensor unit; ``variance`` (H, W) float32 [DN²], temporal; ``electrons``, ``electrons_error``
             (H, W) float32 [e-], mean photoelectrons and their standard error by the render; ``preview`` (H, W) or
             (H, W, 3) uint8, of the file or developed from the raw frame; or an AOV, ``depth`` (H, W) [m] for example,
-            see docs/clean-frames-and-aovs.md.
+            see docs/frames.md.
         """
         name = SHORT_NAMES.get(name, name)
         if name in AOVS:

@@ -255,7 +255,8 @@ def differentiable(
     parameters : names of fields of the camera (``"readout.sense_gain_uv_per_e"``), ``"exposure.time_s"`` and
         ``"exposure.temperature_k"`` at the same photons, and ``"photons"`` for the mean photons of every pixel.
     The rest as for :func:`expose`. The mean of a derivative over frames is the derivative of the expected code, to 1 %,
-    at clips and code edges too. That of a squared error is off at a clip if the noise is 1 to 2 DN (docs/backends.md).
+    at clips and code edges too. That of a squared error is off at a clip if the noise is 1 to 2 DN
+    (docs/accuracy-and-limits.md).
     Raises InputError for what ``expose`` refuses, and for a parameter that has no derivative.
     """
     camera = camera_of(camera)

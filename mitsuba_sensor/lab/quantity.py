@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from statistics import NormalDist
 from typing import Any, Self
@@ -91,12 +92,21 @@ class Quantity:
             return replace(self, note=note)
         return replace(self, note=f"{self.note}; {note}")
 
+    def with_interval(self, interval: tuple[float, float, float]) -> Self:
+        """This quantity with another (value, low, high)."""
+        value, low, high = interval
+        return replace(self, value=value, low=low, high=high)
+
+    def without_value(self, note: str = "", clipped: bool = False) -> Self:
+        """This quantity without a value, and one more sentence in its note.  clipped : whether clipping is why."""
+        nothing = self.with_interval((math.nan,) * 3).noted(note)
+        return replace(nothing, clipped=self.clipped or clipped)
+
     def with_width(self) -> Self:
         """This quantity, without a value where its interval has no width: no measurement is exact."""
         if not self.low == self.value == self.high:
             return self
-        nothing = replace(self, value=math.nan, low=math.nan, high=math.nan)
-        return nothing.noted(f"the values do not scatter about {self.value:.4g}")
+        return self.without_value(f"the values do not scatter about {self.value:.4g}")
 
     def extended(self, other: Self) -> Self:
         """This quantity with an interval that holds that of another one too, if that has a value."""
@@ -104,15 +114,14 @@ class Quantity:
             return self
         return replace(self, low=min(self.low, other.low), high=max(self.high, other.high))
 
+    def mapped(self, function: Callable[[float], float], **changes: Any) -> Self:
+        """A rising function of this quantity, with other fields changed."""
+        value, low, high = map(function, (self.value, self.low, self.high))
+        return replace(self, value=value, low=low, high=high, **changes)
+
     def scaled(self, factor: float, unit: str) -> Self:
         """This quantity times a positive factor that is known exactly, in another unit."""
-        return replace(
-            self,
-            value=self.value * factor,
-            low=self.low * factor,
-            high=self.high * factor,
-            unit=unit,
-        )
+        return self.mapped(lambda x: x * factor, unit=unit)
 
     def divided(self, by: Self | float, unit: str) -> Self:
         """This quantity divided by an independent positive one or by an exact number.
@@ -130,13 +139,7 @@ class Quantity:
         low, high = self.value - down, self.value + up
         if self.low >= 0:
             low = max(0.0, low)
-        return replace(
-            self,
-            value=self.value / by.value,
-            low=low / by.value,
-            high=high / by.value,
-            unit=unit,
-        )
+        return replace(self, low=low, high=high).scaled(1 / by.value, unit)
 
     def in_electrons(self, gain: Self | float) -> Self:
         """A figure in DN, DN/s or DN²/s divided by K [DN/e-], or by its square; others as they are."""
@@ -145,8 +148,7 @@ class Quantity:
         if power == "DN²":
             if not isinstance(gain, Quantity):
                 return self.divided(gain**2, unit)
-            square = replace(gain, value=gain.value**2, low=gain.low**2, high=gain.high**2)
-            return self.divided(square, unit)
+            return self.divided(gain.mapped(lambda x: x**2), unit)
         return self.divided(gain, unit) if power == "DN" else self
 
     def to_dict(self) -> dict[str, Any]:
@@ -173,27 +175,24 @@ def student_interval(
     return value, value - half, value + half
 
 
-def variance_interval(variance: float, freedom: float) -> tuple[float, float, float]:
-    """(value, low, high) of the variance of normal values, from the chi-square law with so many degrees of freedom."""
-    large = float(scipy.special.chdtri(freedom, (1 - LEVEL) / 2))
-    small = float(scipy.special.chdtri(freedom, (1 + LEVEL) / 2))
-    return variance, variance * freedom / large, variance * freedom / small
+def share_interval(share: float, cases: float) -> tuple[float, float, float]:
+    """(value, low, high) of a probability by the beta law of Jeffreys; 0 and 1 stay ends.
 
-
-def share_interval(count: int, total: int) -> tuple[float, float, float]:
-    """(value, low, high) of a probability from how often it happened (Clopper and Pearson 1934)."""
+    share : how often it happened.  cases : of so many independent ones, which need not be whole.
+    """
     tail = (1 - LEVEL) / 2
-    low, high = 0.0, 1.0
-    if count:
-        low = float(scipy.special.betaincinv(count, total - count + 1, tail))
-    if count < total:
-        high = float(scipy.special.betaincinv(count + 1, total - count, 1 - tail))
-    return count / total, low, high
+    hits, misses = share * cases + 0.5, (1 - share) * cases + 0.5
+    low, high = (float(scipy.special.betaincinv(hits, misses, p)) for p in (tail, 1 - tail))
+    if hits < 1:
+        low = 0.0
+    if misses < 1:
+        high = 1.0
+    return share, min(low, share), max(high, share)
 
 
-def unknown(like: Quantity, note: str) -> Quantity:
-    """A quantity like this one, but without a value, and the reason in its note."""
-    return replace(like, value=math.nan, low=math.nan, high=math.nan, note=note)
+def unknown(like: Quantity, note: str, clipped: bool = False) -> Quantity:
+    """A quantity like this one, but without a value, and the reason in its note.  clipped : whether clipping is why."""
+    return replace(like, note="").without_value(note, clipped)
 
 
 def upper_bound(like: Quantity, high: float, note: str) -> Quantity:
@@ -201,28 +200,38 @@ def upper_bound(like: Quantity, high: float, note: str) -> Quantity:
     return replace(like, value=math.nan, low=0.0, high=high, note=note)
 
 
-def hidden_by_clipping(like: Quantity, note: str) -> Quantity:
-    """A quantity like this one without a value, because values of the frames are clipped; the note says which."""
-    return replace(unknown(like, note), clipped=True)
-
-
 def quotient(above: Quantity, below: Quantity, like: Quantity) -> Quantity:
     """above / below, with the other fields of ``like`` and the notes of all three; unknown if one is not positive."""
     sentences = [part for one in (like, above, below) for part in one.note.split("; ")]
     notes = "; ".join(filter(None, dict.fromkeys(sentences)))
-    if above.is_bound and below.value > 0 and below.low > 0:
-        low, high = above.low / below.high, above.high / below.low
-        return replace(like, value=math.nan, low=low, high=high, note=notes)
+    if above.is_bound and below.low > 0:
+        return replace(
+            upper_bound(like, above.high / below.low, notes), low=above.low / below.high
+        )
     if not (above.value > 0 and below.value > 0 and below.low > 0):
-        nothing = unknown(like, notes or f"{above.symbol} or {below.symbol} is not known")
-        return replace(nothing, clipped=above.clipped or below.clipped)
+        notes = notes or f"{above.symbol} or {below.symbol} is not known"
+        return unknown(like, notes, above.clipped or below.clipped)
     ratio = above.divided(below, like.unit)
     return replace(like, value=ratio.value, low=ratio.low, high=ratio.high, note=notes)
 
 
 def product(first: Quantity, second: Quantity, like: Quantity) -> Quantity:
     """first · second, with the other fields of ``like`` and the notes of all three; unknown if one is not positive."""
-    if not second.low > 0:
-        return quotient(first, second, like)  # unknown
-    inverse = replace(second, value=1 / second.value, low=1 / second.high, high=1 / second.low)
-    return quotient(first, inverse, like)
+    if second.low > 0:
+        second = replace(
+            second, value=1 / second.value, low=1 / second.high, high=1 / second.low
+        )
+    return quotient(first, second, like)
+
+
+class Figures:
+    """A result of an instrument, a dataclass among whose fields are figures."""
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """All figures, in the order of the fields; of a field that is a tuple, those in it."""
+        found: list[Quantity] = []
+        for value in vars(self).values():
+            some = value if isinstance(value, tuple) else (value,)
+            found += [one for one in some if isinstance(one, Quantity)]
+        return tuple(found)

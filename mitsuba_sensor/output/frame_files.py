@@ -50,7 +50,7 @@ FRAME_FILES = (
 CAPTURE_FILES = (*FRAME_FILES, "irradiance.exr", "aovs.exr")
 """Files of frames of a scene."""
 ABOUT = (
-    "docs/frame-json.md of mitsuba_sensor says what each key means; null is what was not asked for, holds by default, "
+    "docs/frames.md of mitsuba_sensor says what each key means; null is what was not asked for, holds by default, "
     "does not apply or is not known"
 )
 """In frame.json."""

@@ -5,12 +5,9 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Iterable
-from functools import singledispatch
 from typing import TYPE_CHECKING, Any, cast
 
-import numpy as np
-
-from .page import Bars, Grid, Line, Mark, Picture, Plot
+from .page import Dots, Line, Picture, Plot
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,26 +23,19 @@ COLOURS = (
     "#4D4D4D",
 )
 """Colours that colour-blind readers tell apart (Okabe & Ito 2008, and two more)."""
-
+FILTERS = {"R": "#C0392B", "G": "#1E8449", "G (2)": "#7CB342", "B": "#1F5FBF"}
+"""Colours of the series that are named by a colour filter."""
 MARKERS = "osD^vPX*>"
-"""One more than colours, so that series differ in both."""
-
-CELL_COLOURS: dict[Mark, str] = {
-    "good": "#BFE3CF",
-    "bad": "#F2B6A0",
-    "best": "#8CCBA8",
-    "dim": "#EEEEEE",
-    "": "#FFFFFF",
-}
-WIDTH_IN, HEIGHT_IN, MARGIN_IN, BAR_IN, CELL_IN = 8.4, 4.6, 1.2, 0.2, 0.3
-SMALL_WIDTH_IN, SMALL_HEIGHT_IN = 4.6, 3.2
-RING_LABEL = "ring: none is both faster and more exact"
-
-LEAST_TICKS, MOST_TICKS = 3, 9
-"""Labelled ticks of a logarithmic axis."""
-SETTINGS: dict[
-    str, Any
-] = {  # of Matplotlib; text stays text, and equal studies give equal files
+"""One more than colours, so series differ in both."""
+WIDTH_IN, HEIGHT_IN, ROW_IN, DPI = 6.4, 3.8, 0.26, 160
+LONG_LABEL = 22
+"""Letters of a label from which on a legend has two columns."""
+LOG_FROM = 4.0
+"""A range below this ratio is shown on a linear axis."""
+DECADES_MAX = 2.6
+"""A wider logarithmic range has ticks at powers of ten only."""
+TICKS_MAX = 8
+SETTINGS: dict[str, Any] = {  # equal studies give equal files
     "font.size": 9.5,
     "axes.axisbelow": True,
     "axes.spines.top": False,
@@ -54,28 +44,21 @@ SETTINGS: dict[
     "grid.color": "#E4E4E4",
     "errorbar.capsize": 2,
     "legend.frameon": False,
-    "svg.fonttype": "none",
     "svg.hashsalt": "mitsuba_sensor",
 }
 
 
-def svg(picture: Picture) -> str:
-    """An <svg> element to put into a page, below a heading."""
-    document = _drawn(picture, "svg", {"Date": None}).decode("utf-8")
-    return document[document.index("<svg") :]
+def svg(picture: Picture) -> bytes:
+    """Return an SVG file of the picture without its title."""
+    return _drawn(picture, format="svg", metadata={"Date": None})
 
 
-def png(picture: Picture, small: bool = False) -> bytes:
-    """Return a PNG file of the picture and its title, about 1000 pixels wide.
-
-    small : about 550 pixels wide, with the legend below the axes, to stand beside text.
-    """
-    return _drawn(picture, "png", None, small)
+def png(picture: Picture) -> bytes:
+    """Return a PNG file of the picture and its title, about 1000 pixels wide."""
+    return _drawn(picture, format="png", dpi=DPI)
 
 
-def _drawn(
-    picture: Picture, kind: str, metadata: dict[str, None] | None, small: bool = False
-) -> bytes:
+def _drawn(picture: Picture, **options: Any) -> bytes:
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -84,159 +67,130 @@ def _drawn(
         figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN))
         axes = figure.subplots()
         axes.set_prop_cycle(color=COLOURS)
-        figure.set_figheight(draw(picture, axes))
-        if small:
-            height_in = min(figure.get_figheight(), SMALL_HEIGHT_IN)
-            figure.set_size_inches(SMALL_WIDTH_IN, height_in)
-        labels = axes.get_legend_handles_labels()[1]
-        if labels and small:
-            place = (0.5, -0.5 / figure.get_figheight())
-            axes.legend(loc="upper center", bbox_to_anchor=place, fontsize=8.5, ncols=2)
-        elif labels:
-            axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=8.5)
-        if kind == "png":
+        figure.set_figheight(_draw(picture, axes))
+        handles, labels = axes.get_legend_handles_labels()
+        unique = dict(zip(labels, handles, strict=True))
+        if unique:
+            columns = 2 if max(map(len, unique)) > LONG_LABEL else min(4, len(unique))
+            below = {
+                "loc": "upper center",
+                "bbox_to_anchor": (0.5, -0.55 / figure.get_figheight()),
+            }
+            axes.legend(unique.values(), unique.keys(), ncols=columns, **below)
+        if options["format"] == "png":
             axes.set_title(picture.title, loc="left", fontsize=10.5)
-        figure.savefig(
-            buffer, format=kind, dpi=120, bbox_inches="tight", metadata=cast(Any, metadata)
-        )
+        figure.savefig(buffer, bbox_inches="tight", **options)
     return buffer.getvalue()
 
 
-@singledispatch
-def draw(picture: Any, axes: Axes) -> float:
-    """Draw a picture onto axes.
-
-    Returns the height of the figure [inch].
-    """
-    picture.draw(axes)
-    return HEIGHT_IN * float(picture.lines)
-
-
-@draw.register(Plot)
-def draw_plot(plot: Plot, axes: Axes) -> float:
-    """Draw lines, markers, error bars and rings."""
-    for number, line in enumerate(plot.lines):
-        if line.colour is None:
-            colour = number
-        else:
-            colour = line.colour
-        axes.errorbar(
-            line.x,
-            line.y,
-            yerr=line.error or None,
-            label=line.label or None,
-            **_style(line, colour),
-        )
-    rings = [(line.x[i], line.y[i]) for line in plot.lines for i in line.ringed]
-    if rings:
-        ring: dict[str, Any] = {
-            "s": 95,
-            "facecolors": "none",
-            "edgecolors": "black",
-            "zorder": 3,
-        }
-        axes.scatter(*zip(*rings, strict=True), label=RING_LABEL, **ring)
-    axes.set(xlabel=plot.x_label, ylabel=plot.y_label)
-    if plot.level is not None:
-        axes.axhline(
-            plot.level[0], color="black", linewidth=1, linestyle=":", label=plot.level[1]
-        )
-    if plot.log_x:
-        _set_log_scale(axes, "x", (x for line in plot.lines for x in line.x))
-    if plot.log_y:
-        _set_log_scale(axes, "y", (y for line in plot.lines for y in line.y))
+def _draw(picture: Picture, axes: Axes) -> float:
+    """Draw a picture onto axes and return the height of the figure [inch]."""
+    if isinstance(picture, Plot):
+        draw_plot(picture, axes)
+    elif isinstance(picture, Dots):
+        draw_dots(picture, axes)
+        return 1.0 + ROW_IN * len(picture.labels)
+    else:
+        picture.draw(axes)
     return HEIGHT_IN
 
 
-def _style(line: Line, colour: int) -> dict[str, Any]:
+def colour_of(label: str, number: int) -> str:
+    """The colour of a series: that of the filter it is named by, or the next one."""
+    return FILTERS.get(label, COLOURS[number % len(COLOURS)])
+
+
+def draw_plot(plot: Plot, axes: Axes) -> None:
+    """Draw lines, markers, error bars and levels."""
+    for number, one in enumerate(plot.lines):
+        axes.errorbar(
+            one.x,
+            one.y,
+            yerr=one.error or None,
+            xerr=one.x_error or None,
+            label=one.label or None,
+            color=colour_of(one.label, number),
+            **_style(one, number),
+        )
+    for name, value in plot.levels.items():
+        vertical = name.startswith("|")
+        draw, style = (axes.axvline, "-.") if vertical else (axes.axhline, ":")
+        draw(value, color="black", linewidth=1, linestyle=style, label=name.lstrip("|"))
+    axes.set(xlabel=_without_one(plot.x_label), ylabel=_without_one(plot.y_label))
+    if plot.log_x:
+        of_x = (x for one in plot.lines for x in one.x)
+        set_log_axis(
+            axes, "x", [*of_x, *(x for name, x in plot.levels.items() if name[0] == "|")]
+        )
+    if plot.log_y:
+        of_y = (y for one in plot.lines for y in one.y)
+        set_log_axis(
+            axes, "y", [*of_y, *(y for name, y in plot.levels.items() if name[0] != "|")]
+        )
+
+
+def _without_one(label: str) -> str:
+    """The label of a ratio without its unit, which readers do not need."""
+    return label.removesuffix(" [1]")
+
+
+def _style(one: Line, number: int) -> dict[str, Any]:
+    marker = MARKERS[number % len(MARKERS)] if one.marked else ""
     return {
-        "color": COLOURS[colour % len(COLOURS)],
-        "marker": MARKERS[colour % len(MARKERS)] if line.marked else "",
-        "markersize": 4.5,
+        "marker": "*" if one.star else marker,
+        "markersize": 14 if one.star else 4.5,
+        "zorder": 4 if one.star else 2,
         "elinewidth": 0.9,
-        "linewidth": 1.4 if line.joined else 0,
-        "linestyle": "--" if line.dashed else "-",
+        "linewidth": 1.4 if one.joined else 0,
+        "linestyle": "--" if one.dashed else "-",
     }
 
 
-@draw.register(Bars)
-def draw_bars(bars: Bars, axes: Axes) -> float:
-    """Draw groups of horizontal bars, the first label on top."""
-    height = 0.8 / len(bars.series)
-    rows = np.arange(len(bars.labels))
-    for number, (name, values) in enumerate(bars.series.items()):
-        places = rows + (number - (len(bars.series) - 1) / 2) * height
-        if name in bars.error:
-            error = np.array(bars.error[name], dtype=float)
-        else:
-            error = None
-        colour = COLOURS[bars.colours.get(name, number) % len(COLOURS)]
-        if len(bars.series) > 1:
-            label = name
-        else:
-            label = None
-        lengths = np.array(values, dtype=float)
-        axes.barh(
-            places,
-            lengths,
-            height,
-            xerr=error,
-            color=colour,
-            label=label,
-            error_kw={"elinewidth": 0.9},
-        )
-    if bars.level is not None:
-        axes.axvline(
-            bars.level[0], color="black", linewidth=1, linestyle=":", label=bars.level[1]
-        )
-    if bars.log_x:
-        _set_log_scale(
-            axes, "x", (x for values in bars.series.values() for x in values if x is not None)
-        )
-    axes.set_yticks(rows, bars.labels)
-    axes.set(xlabel=bars.x_label, ylim=(len(rows) - 0.4, -0.6))
-    axes.grid(visible=False, axis="y")
-    return MARGIN_IN + BAR_IN * len(bars.labels) * (len(bars.series) + 0.6)
+def draw_dots(dots: Dots, axes: Axes) -> None:
+    """Draw a dot with its interval for each label and series, the first label on top."""
+    for number, (name, values) in enumerate(dots.series.items()):
+        shift = 0.7 * ((number + 0.5) / len(dots.series) - 0.5)
+        shown = [(row + shift, *one) for row, one in enumerate(values) if one is not None]
+        rows, value, low, high = zip(*shown, strict=True) if shown else ((),) * 4
+        widths = [
+            [x - end for x, end in zip(value, low, strict=True)],
+            [end - x for x, end in zip(value, high, strict=True)],
+        ]
+        style: dict[str, Any] = {"color": colour_of(name, number), "markersize": 5}
+        style["marker"] = MARKERS[number % len(MARKERS)]
+        axes.errorbar(value, rows, xerr=widths, label=name, linewidth=0, **style)
+        for drawn in axes.containers[-1][2]:
+            drawn.set_linewidth(1.2)
+    axes.axvline(dots.level[0], color="black", linewidth=1, linestyle=":", label=dots.level[1])
+    axes.set_yticks(range(len(dots.labels)), dots.labels)
+    axes.set(xlabel=_without_one(dots.x_label), ylim=(len(dots.labels) - 0.5, -0.5))
+    if dots.log_x:
+        every = [one for values in dots.series.values() for one in values if one is not None]
+        set_log_axis(axes, "x", [dots.level[0], *(value for value, *_ in every)])
 
 
-@draw.register(Grid)
-def draw_grid(grid: Grid, axes: Axes) -> float:
-    """Draw verdicts as a table of coloured cells."""
-    axes.set_axis_off()
-    cells = axes.table(
-        cellText=grid.texts,
-        rowLabels=grid.rows,
-        colLabels=grid.columns,
-        cellColours=[[CELL_COLOURS[mark] for mark in marks] for marks in grid.marks],
-        cellLoc="center",
-        bbox=axes.viewLim.unit(),
-    )
-    for (row, _), cell in cells.get_celld().items():
-        heading = row == 0  # of two lines
-        cell.set(edgecolor="white", height=cell.get_height() * (1.6 if heading else 1.0))
-    return MARGIN_IN + CELL_IN * len(grid.rows)
+def set_log_axis(axes: Axes, name: str, values: Iterable[float]) -> None:
+    """Make an axis logarithmic if its values span enough, with at least three labelled ticks."""
+    from matplotlib.ticker import NullLocator
 
-
-def _set_log_scale(axes: Axes, name: str, values: Iterable[float]) -> None:
-    """Set a logarithmic axis where any value is positive, and label at least three ticks of it."""
-    if not any(value > 0 for value in values):
+    positive = [value for value in values if value > 0 and math.isfinite(value)]
+    if not positive or max(positive) < LOG_FROM * min(positive):
         return
-    axes.set(**{f"{name}scale": "log"})
     axis = axes.xaxis if name == "x" else axes.yaxis
-    axis.set_ticks(_log_ticks(*sorted(axis.get_view_interval())))
+    axes.set(**{f"{name}scale": "log"})
+    ends, ticks = log_ticks(min(positive), max(positive))
+    axis.set_ticks(ticks)
+    axis.set_minor_locator(NullLocator())
     axis.set_major_formatter("{x:g}")
-    axis.set_minor_formatter("")
+    axes.set(**{f"{name}lim": (ends[0] / 1.15, ends[1] * 1.15)})
 
 
-def _log_ticks(low: float, high: float) -> list[float]:
-    """Powers of ten between two positive numbers; where they are fewer than three, round numbers between them too."""
-    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    for multiples in ((1,), (1, 3), (1, 2, 5), tuple(range(1, 10))):
-        every = [float(f"{number}e{decade}") for decade in decades for number in multiples]
-        ticks = [tick for tick in every if low <= tick <= high]
-        if len(ticks) >= LEAST_TICKS:
-            return ticks[:: -(-len(ticks) // MOST_TICKS)]
-    from matplotlib.ticker import MaxNLocator
-
-    close = MaxNLocator(6, min_n_ticks=LEAST_TICKS + 2).tick_values(low, high)
-    return [tick for tick in close if low <= tick <= high]
+def log_ticks(low: float, high: float) -> tuple[tuple[float, float], list[float]]:
+    """Ends and ticks of an axis that holds two numbers: 1, 2, 5, or powers of ten for a wide range."""
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    steps = (1, 2, 5) if math.log10(high / low) < DECADES_MAX else (1,)
+    every = [float(f"{step}e{decade}") for decade in range(first, last + 1) for step in steps]
+    below = max(place for place, tick in enumerate(every) if tick <= low)
+    above = min(place for place, tick in enumerate(every) if tick >= high)
+    inside = every[below : above + 1]
+    return (inside[0], inside[-1]), inside[:: -(-len(inside) // TICKS_MAX)]

@@ -1,65 +1,106 @@
-"""The page of a study: one HTML file that needs nothing else, whose tables and plots scroll on a phone."""
+"""The page of a study: one HTML file that needs nothing else, for the screen, a phone and paper."""
 
 from __future__ import annotations
 
+import base64
 import math
 from pathlib import Path
 
 from ..core.html import render_template
 from .drawing import svg
-from .page import Study, Table
+from .page import VERDICTS, Study, Table
 
-ORIGIN = (
+ORIGIN = [
     "command",
     "scene",
     "camera",
     "exposure",
     "machine",
+    "load",
     "versions",
     "seconds",
-    "longest_step",
     "date",
-)
-"""What stands at the foot of the page, where the data of the study has it."""
+]
+"""What the foot of the page shows, if the data of the study has it."""
+FIGURE_SPACE, POINT_SPACE = "\u2007", "\u2008"
+"""As wide as a digit and as a decimal point."""
 
 
 def html(study: Study) -> str:
-    """The whole page."""
+    """Return the whole page."""
+    pictures = {
+        id(part): base64.b64encode(svg(part)).decode()
+        for part in study.parts
+        if not isinstance(part, Table)
+    }
     return render_template(
         Path(__file__).with_name("page.html.j2"),
         study=study,
-        origin={
-            name.replace("_", " "): text(study.data[name])
-            for name in ORIGIN
-            if name in study.data
-        },
-        pictures={id(picture): svg(picture) for picture in study.pictures},
-        is_table=lambda part: isinstance(part, Table),
-        is_number=is_number,
+        origin={name: text(study.data[name]) for name in ORIGIN if name in study.data},
+        pictures=pictures,
+        tables={id(part): shown(part) for part in study.parts if isinstance(part, Table)},
         id=id,
-        text=text,
     )
 
 
+def shown(part: Table) -> tuple[list[str], list[bool], list[tuple[str, list[str]]]]:
+    """Headings, whether each column is of numbers, and rows of texts with their marks.
+
+    Marked rows have their verdict in the second column; columns without any value are left out;
+    decimal points lie below each other.
+    """
+    columns = list(zip(part.columns, zip(*part.rows, strict=True), strict=True))
+    columns = [
+        (name, cells) for name, cells in columns if any(x not in (None, "") for x in cells)
+    ]
+    if any(part.marks):
+        columns.insert(1, ("verdict", tuple(VERDICTS[mark] for mark in part.marks)))
+    numeric = [all(x is None or is_number(x) for x in cells) for _, cells in columns]
+    texts = [
+        aligned([text(x) for x in cells]) if of_numbers else [text(x) for x in cells]
+        for (_, cells), of_numbers in zip(columns, numeric, strict=True)
+    ]
+    marks = part.marks or ("",) * len(part.rows)
+    headings = [name.replace(" [1]", "") for name, _ in columns]
+    rows = [list(row) for row in zip(*texts, strict=True)] or [[] for _ in part.rows]
+    return headings, numeric, list(zip(marks, rows, strict=True))
+
+
+def aligned(numbers: list[str]) -> list[str]:
+    """Numbers whose decimal points lie below each other in a column that ends at the right."""
+    ends = [len(number.partition(".")[2]) for number in numbers]
+    most = max(ends, default=0)
+    padded = []
+    for number, end in zip(numbers, ends, strict=True):
+        point = POINT_SPACE if most and not end else ""
+        padded.append(number + point + FIGURE_SPACE * (most - end))
+    return padded
+
+
 def is_number(value: object) -> bool:
-    """Whether a cell stands to the right."""
+    """Return True for a number, or the text of one."""
+    if isinstance(value, str):
+        try:
+            float(value)
+        except ValueError:
+            return False
+        return True
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def text(value: object) -> str:
-    """A value for people: numbers with four digits, lists joined, a dash for None."""
+    """A value for people: numbers with four digits (298.15 with all), lists joined, a dash for None."""
     match value:
         case None:
             return "–"
         case bool():
-            if value:
-                return "yes"
-            return "no"
+            return "yes" if value else "no"
+        case float() if value == 0:
+            return "0"
         case float():
-            plain = value == 0 or 1e-3 <= abs(value) < 1e5
-            if plain or not math.isfinite(value):
-                return f"{value:.4g}"
-            return f"{value:.3g}"
+            if math.isfinite(value) and not 1e-3 <= abs(value) < 1e5:
+                return f"{value:.3g}"
+            return f"{value:g}" if value == round(value, 2) else f"{value:.4g}"
         case dict():
             return ", ".join(f"{key} {text(entry)}" for key, entry in value.items())
         case list() | tuple():

@@ -116,7 +116,7 @@ class FileOptions(TypedDict, total=False):
         Option(
             "What RGB colours and pictures reflect beyond 700 nm, where the camera sees it: hold, their value at 700 "
             "nm; refuse to render them; or IDS=MATERIAL, repeatable, a measured reflectance for materials or shapes of "
-            "these ids, e.g. 'leaf_*=vegetation', see docs/infrared.md. Default: hold.",
+            "these ids, e.g. 'leaf_*=vegetation', see docs/scene.md. Default: hold.",
             flag="--infrared",
             metavar="IDS=MATERIAL",
             text=list[str],

@@ -6,7 +6,7 @@
         signal = stage.sample(signal, frame)
 
 Where the paper's formula and the released code differ, this is the code; where both differ from physics, see
-``docs/konnik2014.md``. The three formulas of the paper that give no image are refused with the reason.
+``docs/stages.md``. The three formulas of the paper that give no image are refused with the reason.
 """
 
 import math

@@ -1,7 +1,7 @@
 """Photon and electron stages of the released MATLAB code of Konnik & Welsh 2014, on NumPy float64, and its FPN maps.
 
 Written from the paper, from descriptions and from numbers measured on that code, not from its text (it has no
-licence). The stages reproduce its *behaviour*, also where it differs from physics: ``docs/konnik2014.md`` lists every
+licence). The stages reproduce its *behaviour*, also where it differs from physics: ``docs/stages.md`` lists every
 difference with its size.
 """
 

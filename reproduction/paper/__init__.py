@@ -5,29 +5,23 @@ light, transfer, pattern, dark : sections of the text in their order.  check : m
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from mitsuba_sensor.pages.page import MarkedRow, Section, Study, study_of, table
-from mitsuba_sensor.study.kit import Kit, Step
+from mitsuba_sensor.study.kit import Progress, measured
 
 from . import dark, light, pattern, transfer
 from .camera import CURVES, FULL, LINEAR, PAIR, SMALL, Size
 from .published import DARK_SIGNALS, NOT_TO_BE_MET, TABLE_2
 
 TITLE = "Section 4 of Konnik & Welsh 2014: published and ours"
-__all__ = ["RECORDS", "SMALL", "measure_paper"]
-RECORDS: tuple[type, ...] = (
-    light.Sweep,
-    transfer.Curve,
-    pattern.MeasuredPrnu,
-    pattern.Whiteness,
-    dark.Rate,
-)
-"""Classes that its measurements consist of."""
+__all__ = ["SMALL", "measure_paper"]
 
 
-def measure_paper(kit: Kit, size: Size = FULL) -> Study:
-    """Measure everything that is not measured yet, and compare it with what is printed and with closed forms."""
+def measure_paper(progress: Progress, size: Size = FULL) -> Study:
+    """Measure everything, and compare it with what is printed and with closed forms."""
     sweeps = {name: f"radiometric, {name}" for name in (LINEAR, PAIR)}
     curves = {name: f"gradient, {name}" for name in CURVES}
     whiteness = {
@@ -36,24 +30,23 @@ def measure_paper(kit: Kit, size: Size = FULL) -> Study:
         for camera in pattern.CAMERAS
     }
     laws = {law: f"dark, {law.time_s:g} s" for law in DARK_SIGNALS}
-    steps = [Step(key, 4.0, partial(light.measure, name, size)) for name, key in sweeps.items()]
-    steps += [
-        Step(key, 14.0, partial(transfer.measure, name, size)) for name, key in curves.items()
-    ]
-    steps += [Step("PRNU", 4.0, partial(pattern.measure_prnu, size))]
-    steps += [
-        Step(key, 12.0, partial(pattern.measure_f, *row, size))
-        for row, key in whiteness.items()
-    ]
-    steps += [Step(key, 2.0, partial(dark.measure, law, size)) for law, key in laws.items()]
-    steps += [Step("dark current", 3.0, partial(dark.measure_rate, size))]
-    kit.take(steps)
+    steps: dict[str, Callable[[], Any]] = {
+        key: partial(light.measure, name, size) for name, key in sweeps.items()
+    }
+    steps |= {key: partial(transfer.measure, name, size) for name, key in curves.items()}
+    steps["PRNU"] = partial(pattern.measure_prnu, size)
+    steps |= {key: partial(pattern.measure_f, *row, size) for row, key in whiteness.items()}
+    steps |= {key: partial(dark.measure, law, size) for law, key in laws.items()}
+    steps["dark current"] = partial(dark.measure_rate, size)
+    found = measured(steps, progress)
     sections = [
-        light.section({name: kit[key] for name, key in sweeps.items()}, size),
-        transfer.section({name: kit[key] for name, key in curves.items()}),
-        pattern.prnu_section(kit["PRNU"], size),
-        pattern.f_section({row: kit[key] for row, key in whiteness.items()}, size),
-        dark.section({law: kit[key] for law, key in laws.items()}, kit["dark current"], size),
+        light.section({name: found[key] for name, key in sweeps.items()}, size),
+        transfer.section({name: found[key] for name, key in curves.items()}),
+        pattern.prnu_section(found["PRNU"], size),
+        pattern.f_section({row: found[key] for row, key in whiteness.items()}, size),
+        dark.section(
+            {law: found[key] for law, key in laws.items()}, found["dark current"], size
+        ),
         _gaps(),
     ]
     return study_of("paper", TITLE, sections)

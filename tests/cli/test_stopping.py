@@ -93,19 +93,6 @@ def test_a_program_that_still_imports_can_be_stopped(
     assert list(out.iterdir()) == []
 
 
-@pytest.mark.exhaustive
-def test_a_stopped_study_says_what_is_kept(scene_file: Path, tmp_path: Path) -> None:
-    (out := tmp_path / "results").mkdir()
-    with program("study", "stress", "-o", out / "s", temporary=tmp_path) as child:
-        wait_until(lambda: any(out.rglob("*.npz")))
-        found, said = stop(child, signal.SIGINT)
-    kept = list(out.rglob("*.npz"))
-    assert found == 130
-    last = said.splitlines()[-1]
-    assert last.startswith(f"stopped; {len(kept)} ") and str(kept[0].parent) in last
-    assert [path for path in out.rglob("*") if path.is_file()] == kept
-
-
 @pytest.mark.parametrize("after_s", [*map(exhaustive, (0.1, 0.4, 0.7)), 1.0])
 def test_ctrl_c_that_workers_get_too_while_they_begin_says_one_sentence(
     after_s: float, tmp_path: Path

@@ -1,4 +1,4 @@
-"""The command "study": its arguments, the files that it writes, and how it goes on after a stop."""
+"""The command "study": its arguments and the files that it writes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.marks import exhaustive
 from helpers.scenes import SKY, scene_text, write_scene
 from typer.testing import CliRunner
 
@@ -16,30 +15,21 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.pages.page import Line, Plot, Section, Study, Table, study_of
 from mitsuba_sensor.study import ablation, work_precision
-from mitsuba_sensor.study.kit import Kit, Step, Subject
-
-STEPS = ("one", "two", "three")
+from mitsuba_sensor.study.kit import Progress, Subject
 
 
 class Recorder:
-    """In place of a study: it measures three steps, notes what it was asked, and stops where it is told to."""
+    """In place of a study: it notes what it was asked."""
 
-    def __init__(self, stop_before: str = "", passed: bool = True) -> None:
-        self.stop_before, self.passed, self.measured = stop_before, passed, list[str]()
+    def __init__(self, passed: bool = True) -> None:
+        self.passed = passed
 
-    def __call__(self, kit: Kit, subject: Subject, **given: Any) -> Study:
+    def __call__(self, subject: Subject, progress: Progress, **given: Any) -> Study:
         self.subject, self.given = subject, given
-        kit.take(Step(step, 1.0, lambda step=step: self.step(step)) for step in STEPS)  # type: ignore[misc]
-        rows = tuple((step, kit[step]) for step in STEPS)
+        progress("one", 0.5)
         plot = Plot("plot", "x", "y", (Line("a", (1.0, 2.0), (1.0, 2.0)),))
-        section = Section(("found",), self.passed, (Table("t", ("step", "s"), rows), plot))
+        section = Section(("found",), self.passed, (Table("t", ("step",), (("one",),)), plot))
         return study_of("ablation", "title", [section], n=3)
-
-    def step(self, name: str) -> float:
-        if name == self.stop_before:
-            raise KeyboardInterrupt
-        self.measured.append(name)
-        return len(name) / 7
 
 
 @pytest.fixture
@@ -53,70 +43,32 @@ def study(monkeypatch: pytest.MonkeyPatch, recorder: Recorder, *arguments: str) 
     return CliRunner().invoke(app, ["study", *arguments])
 
 
-def test_a_study_leaves_a_page_numbers_a_picture_and_its_measurements(
+def test_a_study_leaves_a_page_numbers_and_a_picture(
     monkeypatch: pytest.MonkeyPatch, scene: Path, tmp_path: Path
 ) -> None:
     done = study(monkeypatch, Recorder(), "ablation", str(scene), "-o", str(tmp_path / "out"))
     assert done.exit_code == 0, done.output
-    left = {"study.html", "study.json", "ablation.png", "measurements"}
+    left = {"study.html", "study.json", "ablation.png"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == left
-    assert len(list((tmp_path / "out" / "measurements").rglob("*.npz"))) == 3
     numbers = json.loads((tmp_path / "out" / "study.json").read_text(encoding="utf-8"))
-    assert (
-        numbers["n"] == 3
-        and numbers["machine"]["cpus"]
-        and numbers["resumed_measurements"] == 0
-    )
+    assert numbers["n"] == 3 and numbers["machine"]["cpus"] and numbers["load"]
     assert numbers["command"].startswith("mitsuba-sensor") and numbers["versions"]["mitsuba"]
     assert str(tmp_path / "out") not in numbers["command"] and numbers["seconds"] >= 0
     assert numbers["camera"] == "konnik_table1" and numbers["exposure"]["time_s"] == 0.1
 
 
-def test_a_study_that_was_stopped_goes_on_where_it_was(
-    monkeypatch: pytest.MonkeyPatch, scene: Path, tmp_path: Path
-) -> None:
-    arguments = ("ablation", str(scene), "-o", str(tmp_path / "out"))
-    stopped = study(monkeypatch, Recorder(stop_before="three"), *arguments)
-    assert stopped.exit_code == 130 and "2 measurement(s) are kept" in stopped.output
-    again = Recorder()
-    assert study(monkeypatch, again, *arguments).exit_code == 0
-    assert again.measured == ["three"]
-    third = Recorder()
-    assert study(monkeypatch, third, *arguments).exit_code == 0 and third.measured == []
-    numbers = json.loads((tmp_path / "out" / "study.json").read_text(encoding="utf-8"))
-    assert numbers["resumed_measurements"] == 3
-    anew = Recorder()
-    assert study(monkeypatch, anew, *arguments, "--force").exit_code == 0
-    assert anew.measured == list(STEPS)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        ("--set", "adc.bits=14"),
-        exhaustive(("--exposure-s", "0.2")),
-        exhaustive(("-D", "light=3")),
-    ],
-)
-def test_measurements_of_another_camera_exposure_or_scene_are_not_used(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, change: tuple[str, ...]
-) -> None:
-    text = scene_text(SKY).replace('3.0.0">', '3.0.0"><default name="light" value="2"/>', 1)
-    scene = write_scene(tmp_path, text.replace("360:2e-4", "360:$light"))
-    arguments = ("ablation", str(scene), "-o", str(tmp_path / "out"))
-    assert study(monkeypatch, Recorder(), *arguments).exit_code == 0
-    other, first = Recorder(), Recorder()
-    done = study(monkeypatch, other, *arguments, *change)
-    assert done.exit_code == 0, done.output
-    assert other.measured == list(STEPS)
-    assert study(monkeypatch, first, *arguments).exit_code == 0 and first.measured == []
-
-
 def test_a_study_where_something_fails_says_so_by_its_exit_code(
     monkeypatch: pytest.MonkeyPatch, scene: Path, tmp_path: Path
 ) -> None:
-    asked = ("ablation", str(scene), "-o", str(tmp_path / "o"), "--json")
-    found = study(monkeypatch, Recorder(passed=False), *asked)
+    found = study(
+        monkeypatch,
+        Recorder(passed=False),
+        "ablation",
+        str(scene),
+        "-o",
+        str(tmp_path / "o"),
+        "--json",
+    )
     assert found.exit_code == 1
     assert json.loads(found.stdout)["passed"] is False
 

@@ -17,10 +17,8 @@ import pytest
 from helpers.marks import exhaustive
 from helpers.waiting import WAIT_S
 
-import mitsuba_sensor as ms
 from mitsuba_sensor.core import llvm
 from mitsuba_sensor.core.llvm import LLVM_PATH, find_llvm, inspect_llvm
-from mitsuba_sensor.render.variants import choose_variant
 
 ONE_FOLDER = f"""
 import importlib.util, os, sys
@@ -246,9 +244,3 @@ assert ctypes.CDLL({str(library)!r}).b() == 42
         [sys.executable, "-c", alone], capture_output=True, text=True, timeout=WAIT_S
     )
     assert "libc++.so.1" in refused.stderr
-
-
-def test_unknown_and_non_spectral_variants_name_the_call_to_make() -> None:
-    for name in ("llvm_ad_rgb", "llvm_spectrl"):
-        with pytest.raises(ms.InputError, match=r"mitsuba.set_variant\('scalar_spectral'\)"):
-            choose_variant(name)

@@ -5,12 +5,9 @@ from __future__ import annotations
 import io
 import math
 import sys
-from typing import Any
 
-import numpy as np
 import pytest
 
-import mitsuba_sensor as ms
 from mitsuba_sensor.cli import progress as bars
 from mitsuba_sensor.core import progress as progress_module
 from mitsuba_sensor.core.progress import (
@@ -19,7 +16,6 @@ from mitsuba_sensor.core.progress import (
     automatic_progress,
     told_outside,
 )
-from mitsuba_sensor.dataset.run import RunProgress, shown_run
 from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
 from mitsuba_sensor.render.passes.told import FILES, Series, told_progress
 
@@ -85,43 +81,6 @@ def test_a_render_in_python_says_how_far_it_is(clock: Clock, written: list[str])
     assert written == ["capture: rendering: 25 %, 10 s so far"]
 
 
-def test_many_frames_say_how_many_are_done(
-    clock: Clock, written: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each frame takes 6 s on the test's clock."""
-    from mitsuba_sensor.sensor.expose import PreparedExposure
-
-    exposed = PreparedExposure.frames
-
-    def slowly(self: Any, observer: Any = None) -> Any:
-        told = self.told
-
-        def later(number: int) -> None:
-            clock.now += 6
-            told(number)
-
-        object.__setattr__(self, "told", later if told else None)
-        return exposed(self, observer)
-
-    monkeypatch.setattr(PreparedExposure, "frames", slowly)
-    camera, exposure, light = (
-        ms.load_camera("konnik_table1"),
-        ms.Exposure(0.01),
-        np.ones((2, 2)),
-    )
-    ms.expose(light, camera, exposure, frames=4)
-    assert written == [
-        "expose: 2 of 4 frames: 50 %, 12 s so far",
-        "expose: 4 of 4 frames: 100 %, 24 s so far",
-    ]
-    ms.Sensor(camera).expose(light, exposure, frames=2)
-    assert written[2].startswith("Sensor.expose: 2 of 2 frames")
-    written.clear()
-    ms.expose(light, camera, exposure, frames=4, progress=False)
-    ms.expose(light, camera, exposure)
-    assert not written
-
-
 def test_work_inside_other_work_says_nothing_of_its_own(
     clock: Clock, written: list[str]
 ) -> None:
@@ -131,26 +90,6 @@ def test_work_inside_other_work_says_nothing_of_its_own(
         assert inner is None
     with automatic_progress("fit", "fitting") as teller:
         assert teller is not None
-
-
-def test_a_dataset_that_is_made_in_python_says_how_far_it_is(
-    clock: Clock, written: list[str]
-) -> None:
-    with shown_run(None) as tell:
-        clock.now += 10
-        tell(RunProgress(100, there=20, made=5, now="rendering ball.xml"))
-        assert written == [
-            "dataset run: 25 of 100 samples, 0.5 samples/s, rendering ball.xml: 25 %, 10 s so far"
-        ]
-    with shown_run(False) as tell:
-        clock.now += 10
-        tell(RunProgress(100))
-    told: list[RunProgress] = []
-    with shown_run(told.append) as tell:
-        tell(RunProgress(7))
-    assert told == [RunProgress(7)] and len(written) == 1
-    with pytest.raises(ms.InputError, match="progress is 3"), shown_run(3):  # type: ignore[arg-type]
-        pass
 
 
 @pytest.mark.parametrize("stream", [None, io.StringIO()])

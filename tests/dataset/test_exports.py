@@ -60,7 +60,7 @@ def tree(folder: Path) -> dict[str, str]:
 
 
 def test_the_table_of_formats_is_that_of_help_docs_and_modules(cli: Callable[..., Any]) -> None:
-    page = (DOCS / "dataset-exports.md").read_text("utf-8")
+    page = (DOCS / "exports-and-training.md").read_text("utf-8")
     said = " ".join(cli("dataset", "export", "--help").stdout.split())
     for row in FORMATS:
         assert f"\n| `{row.name}` |" in page and f"{row.name}:" in said

@@ -20,7 +20,6 @@ from mitsuba_sensor.files.appearing import output_folder, output_folders
 from mitsuba_sensor.files.openexr import Plane, write_planes
 from mitsuba_sensor.files.whole_folder import LISTING, appearing_folder, inside
 from mitsuba_sensor.output import dng
-from mitsuba_sensor.output.measurements import Measurements
 
 resource = pytest.importorskip("resource")
 NAMES = ("a.txt", "b.txt")
@@ -59,10 +58,6 @@ def write_set(path: Path) -> None:
             texts.write_page(folder / name, "new")
 
 
-def measure(path: Path) -> None:
-    Measurements(path, 1)["first"] = 1
-
-
 def write_frames(path: Path) -> None:
     with output_folders(path, ["left", "right"], ["frame.*"]) as folders:
         for folder in folders.values():
@@ -73,7 +68,6 @@ FOLDERS: dict[str, Callable[[Path], object]] = {
     "set of files": write_set,
     "sets of frames": write_frames,
     "export": write_folder,
-    "measurements": measure,
     "log": lambda path: [durable.make_lasting(path), durable.append_lasting(path / "a", b"x")],
     "moved": lambda path: durable.move_lasting(path.parents[1] / "old", path / "new"),
 }

@@ -16,9 +16,7 @@ from mitsuba_sensor.lab.measure.emva_linear import emva_linear
 from mitsuba_sensor.lab.measure.line_noise import line_noise
 from mitsuba_sensor.lab.measure.nonuniformity import nonuniformity
 from mitsuba_sensor.lab.measure.photon_transfer import photon_transfer_of_scene
-from mitsuba_sensor.lab.measure.profiles import profiles
 from mitsuba_sensor.lab.measure.rts_pixels import rts_pixels
-from mitsuba_sensor.lab.measure.spectrogram import spectrograms
 
 RNG = np.random.default_rng(1)
 
@@ -41,15 +39,6 @@ def test_values_at_the_largest_code_are_counted_whether_the_bits_are_known_or_no
     assert Stack(frames.astype(np.float32), 0.1).clipping.saturated == found.saturated
 
 
-@pytest.mark.parametrize("sigma", [0.05, 0.15, 0.4, 1.0, 3.0, 30.0])
-@pytest.mark.parametrize("size", [(1, 4, 5), (2, 20, 24), (8, 200, 200)])
-def test_tails_and_quiet_frames_are_not_clipped(sigma: float, size: tuple[int, ...]) -> None:
-    for level in (100.1, 100.5, 100.6, 100.9):
-        frames = np.floor(level + 100 + sigma * RNG.normal(size=size) + 0.5).astype(np.uint16)
-        for given in (frames, 16 * frames, frames.astype(float), 0.5 * frames + 0.25):
-            assert Stack(given, 0.1).clipping.share == 0
-
-
 @pytest.mark.parametrize("pedestal", [1, 16, 100])
 @pytest.mark.parametrize("share", [0.02, 0.26, 0.58])
 @pytest.mark.parametrize("kind", ["uint16", "float32"])
@@ -68,17 +57,6 @@ def test_a_smallest_code_that_is_not_0_clips_where_noise_piles_up_at_it(
     )
 
 
-@pytest.mark.parametrize("sigma", [0.1, 0.3, 0.6, 1.0])
-def test_quiet_darks_with_hot_pixels_are_not_clipped_at_their_smallest_code(
-    sigma: float,
-) -> None:
-    rng = np.random.default_rng(4)
-    for level in (100.0, 100.2, 100.5):
-        hot = rng.exponential(20, (96, 96)) * (rng.random((96, 96)) < 0.02)
-        frames = np.rint(level + hot + sigma * rng.normal(size=(8, 96, 96))).astype(np.uint16)
-        assert Stack(frames, 0.1).clipping.share == Stack(16 * frames, 0.1).clipping.share == 0
-
-
 def truth_in_the_dark(camera: SmallCamera) -> dict[str, float]:
     sigma_dn = camera.gain * camera.read_noise_e
     rounded_dn = math.hypot(sigma_dn, 12**-0.5)
@@ -91,10 +69,10 @@ def truth_in_the_dark(camera: SmallCamera) -> dict[str, float]:
 
 
 def test_what_clipped_darks_still_show_has_intervals_that_hold_the_truth() -> None:
-    """160 cameras of which 0.1 to 60 % of the dark values, or fewer, are at code 0. Of 212 intervals of 95 % that
-    are printed, fewer than 191 would hold it once in 1000 times, were they independent."""
+    """100 cameras of which 0.1 to 60 % of the dark values, or fewer, are at code 0: of the intervals of 95 % that are
+    printed fewer than 89 % would hold it once in 1000 times, were they independent."""
     covered, printed = 0, 0
-    for number in range(160):
+    for number in range(100):
         rng = np.random.default_rng(number)
         share = 10 ** rng.uniform(-5, math.log10(0.6))
         gain, read_noise_e, dsnu_dn = rng.uniform((0.2, 4, 0.5), (1.2, 9, 3))
@@ -116,7 +94,7 @@ def test_what_clipped_darks_still_show_has_intervals_that_hold_the_truth() -> No
                 )
             elif true is not None:
                 printed, covered = printed + 1, covered + figure.covers(true)
-    assert printed > 200 and 0.9 < covered / printed <= 0.99
+    assert printed > 120 and 0.89 < covered / printed <= 0.99
 
 
 def test_levels_that_the_adc_clips_are_left_out_of_k_and_of_the_linearity() -> None:
@@ -146,16 +124,6 @@ def test_one_scene_whose_darkness_is_clipped_has_no_k(with_darks: bool) -> None:
     assert math.isnan(gain.value) and gain.clipped and "are 0" in gain.note
 
 
-def test_profiles_and_spectrograms_of_clipped_frames_have_no_value() -> None:
-    cut = Stack(np.maximum(3 * RNG.normal(size=(4, 40, 40)), 0).round().astype(np.uint16), 0.1)
-    clear = Stack(cut.frames + 100, 0.1)
-    for stack, clipped in ((cut, True), (clear, False)):
-        figures = [one.slope for one in profiles(stack)] + [
-            one.non_whiteness for one in spectrograms(stack)
-        ]
-        assert all(one.clipped == clipped == math.isnan(one.value) for one in figures)
-
-
 def test_the_shortest_dark_stack_may_be_clipped_if_three_others_say_what_it_would_show() -> (
     None
 ):
@@ -174,3 +142,16 @@ def test_the_shortest_dark_stack_may_be_clipped_if_three_others_say_what_it_woul
     found = dark_noise(stacks)
     assert found.analogue.covers(4.5) and "0 s left out" in found.analogue.note
     assert dark_noise(stacks[:3]).analogue.clipped
+
+
+@pytest.mark.parametrize("sigma", [0.05, 0.3, 1.0, 30.0])
+@pytest.mark.parametrize("size", [(1, 4, 5), (2, 20, 24), (8, 96, 96)])
+def test_tails_hot_pixels_and_quiet_frames_are_not_clipped(
+    sigma: float, size: tuple[int, ...]
+) -> None:
+    rng = np.random.default_rng(4)
+    for level in (200.1, 200.5, 200.9):
+        hot = rng.exponential(20, size[1:]) * (rng.random(size[1:]) < 0.02)
+        frames = np.rint(level + hot + sigma * rng.normal(size=size)).astype(np.uint16)
+        for given in (frames, 16 * frames, frames.astype(float), 0.5 * frames + 0.25):
+            assert Stack(given, 0.1).clipping.share == 0

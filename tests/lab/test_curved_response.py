@@ -48,6 +48,8 @@ def test_few_levels_show_a_strong_curve(bend: float, levels: int) -> None:
     assert measured["K"].covers(0.3) and measured["K"].value == pytest.approx(0.3, rel=0.02)
     assert measured["η"].covers(0.6)
     assert "of small signals" in measured["K"].note
+    assert measured["K_line"].value == pytest.approx(measured.as_measured.gain.value)
+    assert "the response is curved" in measured.notes[-1]
     assert measured.curve.kappa == pytest.approx(bend / 3000, rel=0.02)
 
 
@@ -79,3 +81,11 @@ def test_cameras_of_few_levels_are_covered() -> None:
     """24 cameras of -30 to 30 %: fewer than 19 of 24 intervals hold once in 200 tests of 95 %."""
     (gain,) = [part for symbol, part in coverage("few", 24).items() if symbol == "K"]
     assert gain.covered >= 19 and gain.printed == 24
+
+
+def test_a_response_of_the_fourth_power_has_more_terms() -> None:
+    """y = s(1 − 0.02 (s/s_end)³), as the simulated reference set of EMVA 1288 has it: of a parabola K is 0.8 % off."""
+    camera = SmallCamera(curve=lambda n: n * (1 - 0.02 * (n / WELL_E) ** 3))
+    found = emva_linear(*camera.bench(np.random.default_rng(10), 16, (160, 160), 30))
+    assert found["K"].covers(0.3) and found["K"].value == pytest.approx(0.3, rel=0.004)
+    assert found["η"].covers(0.6) and found["R"].value == pytest.approx(0.18, rel=0.001)

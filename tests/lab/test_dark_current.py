@@ -80,48 +80,6 @@ def test_points_of_a_curve_are_said_not_to_lie_on_a_line() -> None:
     )
 
 
-def test_single_frames_have_a_mean_and_no_variance() -> None:
-    single = [
-        Stack(one.frames[:1], one.exposure_s) for one in dark_stacks(np.random.default_rng(4))
-    ]
-    found = dark_current(single)
-    assert (
-        found.from_mean.value == pytest.approx(RATE * GAIN, rel=0.012)
-        and found.from_mean.low > 98
-    )
-    assert math.isnan(found.from_variance.value)
-    assert "2 frames" in found.from_variance.note
-    two = dark_current(single[:2]).from_mean
-    assert math.isinf(two.high) and two.value == pytest.approx(RATE * GAIN, rel=0.1)
-
-
-def test_clipped_exposures_are_left_out_with_a_note() -> None:
-    stacks = dark_stacks(np.random.default_rng(5))
-    full = Stack(np.full_like(stacks[0].frames, 4095), 100.0, bits=12)
-    found = dark_current([*stacks, full])
-    assert (
-        "100 s left out (every value is 4095 DN)" in found.from_mean.note
-        and found.from_mean.covers(100)
-    )
-    with pytest.raises(
-        ms.InputError, match="2 exposure times without clipped values; there are 1"
-    ):
-        dark_current([stacks[0], full])
-
-
-def test_stacks_of_different_settings_are_refused() -> None:
-    one, other, *_ = dark_stacks(np.random.default_rng(6))
-    for wrong in (
-        Stack(other.frames, 0.5, temperature_k=300),
-        Stack(other.frames, 0.5, gain="ISO 200"),
-        other.window(slice(0, 4), slice(0, 4)),
-    ):
-        with pytest.raises(ms.InputError, match="Pass those of one temperature and gain"):
-            dark_current([one, wrong])
-    with pytest.raises(ms.InputError, match="there are 1"):
-        dark_current([one, one])
-
-
 def measured(value: float, relative: float = 0.01) -> Quantity:
     return Quantity(
         "µ_I.mean",
@@ -181,3 +139,28 @@ def test_currents_at_zero_are_left_out_and_one_temperature_is_too_few() -> None:
         dark_temperature({-5.0: measured(5.0), 300.0: measured(10.0)})
     falling = dark_temperature({300.0: measured(20.0), 310.0: measured(10.0)}).doubling
     assert math.isnan(falling.value) and "does not rise" in falling.note
+
+
+def test_stacks_that_show_less_are_marked_or_refused() -> None:
+    """Single frames have a mean and no variance; clipped exposures are left out; a falling black level is said."""
+    stacks = dark_stacks(np.random.default_rng(5))
+    found = dark_current([Stack(one.frames[:1], one.exposure_s) for one in stacks])
+    assert found.from_mean.value == pytest.approx(RATE * GAIN, rel=0.012)
+    assert math.isnan(found.from_variance.value) and "2 frames" in found.from_variance.note
+    full = Stack(np.full_like(stacks[0].frames, 4095), 100.0, bits=12)
+    left_out = dark_current([*stacks, full]).from_mean
+    assert "100 s left out (every value is 4095 DN)" in left_out.note and left_out.covers(100)
+    rng = np.random.default_rng(2)
+    falling = [Stack(100 - 5 * t + rng.normal(size=(4, 30, 30)), t) for t in TIMES_S]
+    current = dark_current(falling).from_mean
+    assert current.high < 0 and "negative: the black level falls" in current.note
+    one, other, *_ = stacks
+    for wrong, said in (
+        (full, "there are 1"),
+        (one, "there are 1"),
+        (Stack(other.frames, 0.5, temperature_k=300), "one temperature and gain"),
+        (Stack(other.frames, 0.5, gain="ISO 200"), "one temperature and gain"),
+        (other.window(slice(0, 4), slice(0, 4)), "one temperature and gain"),
+    ):
+        with pytest.raises(ms.InputError, match=said):
+            dark_current([one, wrong])

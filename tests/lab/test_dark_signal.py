@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import matplotlib.figure
 import numpy as np
 import pytest
 import scipy.stats
@@ -47,23 +46,3 @@ def test_frames_without_a_distribution_are_marked() -> None:
     assert "only 3 different values" in coarse.note
     with pytest.raises(ms.InputError, match="of 16 or more"):
         measured(np.arange(5.0))
-
-
-def test_the_histogram_of_averaged_frames_has_whole_steps_of_their_mean_in_every_bin() -> None:
-    """Means of 32 frames are multiples of 1/32 DN; bins of 5.8 of these would hold 5 or 6: 18 % too few or too many.
-
-    With fixed seed; of about 40 bins one lies beyond 5 σ of its Poisson noise by chance in 40 000 seeds.
-    """
-    values = np.round(np.random.default_rng(8).normal(56, 1.85, 200_000) * 32) / 32
-    axes, logarithmic = (matplotlib.figure.Figure().subplots() for _ in range(2))
-    found = measured(values)
-    found.plot(axes)
-    found.plot(logarithmic, log_counts=True)
-    assert logarithmic.get_yscale() == "log" and "[DN]" in axes.get_xlabel()
-    x, density = axes.lines[0].get_data()
-    step = float(np.diff(x).min())
-    assert step * 32 == pytest.approx(round(step * 32), abs=1e-6)
-    expected = scipy.stats.norm(56, 1.85).pdf(x) * step * values.size
-    some = expected > 25
-    off = (density * step * values.size - expected)[some] / np.sqrt(expected[some])
-    assert some.sum() > 20 and np.abs(off).max() < 5

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import charts
 import numpy as np
 import pytest
-from chart_cases import leaves_case
-from image_quality_coverage import coverage
 
-import mitsuba_sensor as ms
 from mitsuba_sensor.lab.measure.image_quality.dead_leaves import dead_leaves
 
 CHART = charts.dead_leaves(224)
@@ -65,28 +60,3 @@ def test_one_plane_of_a_mosaic_keeps_the_frequencies_of_the_sensor() -> None:
     curve = dead_leaves(CHART, CHART, sample_px=2).modulation
     assert curve.frequency[-1] == pytest.approx(0.255, abs=0.01)
     assert curve.mtf50.note.startswith("more than 0.5")
-
-
-def test_leaves_cover_what_they_were_made_with() -> None:
-    """6 charts, 6 figures of each: fewer than 70 % once in 1000 tests."""
-    shares = [share for share, _ in coverage(leaves_case, 6).values()]
-    assert 0.7 < np.mean(shares) <= 1
-
-
-@pytest.mark.parametrize(
-    ("frames", "chart", "options", "said"),
-    [
-        (CHART, CHART[:100], {}, "a whole number of times"),
-        (CHART[:40], CHART[:40], {}, "or more"),
-        (CHART, CHART, {"method": "power"}, "two frames"),
-        (CHART, CHART, {"method": "both"}, "cross, power"),
-        (CHART[0], CHART, {}, "rows, columns"),
-        (0 * CHART, CHART, {}, "no texture"),
-        (CHART, 0 * CHART + 1, {}, "no texture"),
-    ],
-)
-def test_what_shows_no_texture_is_refused(
-    frames: np.ndarray, chart: np.ndarray, options: dict[str, Any], said: str
-) -> None:
-    with pytest.raises(ms.InputError, match=said):
-        dead_leaves(frames, chart, **options)

@@ -12,7 +12,6 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.defects import defects
 from mitsuba_sensor.lab.measure.rts_pixels import rts_pixels
-from mitsuba_sensor.lab.quantity import share_interval
 
 QUIET = Sigmas(0, 0, 2)
 
@@ -37,32 +36,6 @@ def test_hot_dead_and_deviating_pixels_are_found_where_they_are() -> None:
     assert found.hot_share.value == pytest.approx(100 * 2 / 7200) and found.hot_share.covers(
         100 * 2.5 / 7200
     )
-
-
-def test_quantised_saturated_and_unfit_frames_are_marked_or_refused() -> None:
-    rng = np.random.default_rng(3)
-    quiet = np.full((2, 30, 30), 100, np.uint16)
-    quiet[:, 3, 4] = 103
-    found = defects(Stack(quiet, 0.1))
-    assert np.argwhere(found.hot).tolist() == [[3, 4]] and "no light" in found.dead_share.note
-    dark = stack(frames(rng, np.full((30, 30), 100.0), 2, QUIET))
-    saturated = defects(dark, Stack(np.full((2, 30, 30), 4095, np.uint16), 0.1))
-    assert math.isnan(saturated.dead_share.value) and "4095" in saturated.dead_share.note
-    assert defects(Stack(dark.frames[:, :1].repeat(4, axis=2), 0.1)).z_dark.shape == (1, 120)
-    for given, false_alarm in (
-        ((dark, dark.window(slice(0, 20), slice(0, 20))), 0.1),
-        ((dark,), 0.0),
-    ):
-        with pytest.raises(ms.InputError, match="a probability between 0 and 1"):
-            defects(*given, false_alarm=false_alarm)
-    with pytest.raises(ms.InputError, match=r"Stack\.of_filters"):
-        defects(Stack(quiet, 0.1, tile=(("R", "G"), ("G", "B"))))
-
-
-def test_the_interval_of_a_share_is_clopper_and_pearsons() -> None:
-    """1 of 10: 0.0025 to 0.4450, of their tables."""
-    assert share_interval(1, 10) == pytest.approx((0.1, 0.00253, 0.44502), abs=1e-5)
-    assert share_interval(0, 10)[:2] == (0, 0) and share_interval(10, 10)[2] == 1
 
 
 def test_the_simulators_rts_pixels_are_found_with_step_and_share() -> None:
@@ -115,39 +88,38 @@ def test_stacks_without_rts_have_the_stated_false_alarms(sigma: float) -> None:
     assert named < 4
 
 
-def test_hot_pixels_with_more_shot_noise_and_particles_are_no_rts_pixels() -> None:
-    rng = np.random.default_rng(6)
-    electrons = rng.poisson(np.where(rng.random((50, 60)) < 0.1, 400.0, 20.0), (32, 50, 60))
-    values = 100 + electrons + 2 * rng.normal(size=electrons.shape)
-    values[3, 10, 10] += 500
-    values[4:6, 20, 20] += 500
-    assert not rts_pixels(Stack(rounded(values), 0.1)).rows.size
+def test_frames_that_show_no_defects_are_marked_or_refused() -> None:
+    quiet = np.full((2, 30, 30), 100, np.uint16)
+    quiet[:, 3, 4] = 103
+    found = defects(Stack(quiet, 0.1))
+    assert np.argwhere(found.hot).tolist() == [[3, 4]] and "no light" in found.dead_share.note
+    dark = stack(frames(np.random.default_rng(3), np.full((30, 30), 100.0), 16, QUIET))
+    saturated = defects(dark, Stack(np.full((2, 30, 30), 4095, np.uint16), 0.1))
+    assert math.isnan(saturated.dead_share.value) and "4095" in saturated.dead_share.note
+    assert defects(Stack(dark.frames[:, :1].repeat(4, axis=2), 0.1)).z_dark.shape == (1, 120)
+    steady = rts_pixels(dark)
+    assert steady.fraction.value == 0 and steady.fraction.high < 0.5
+    assert "no RTS pixels" in steady.step.note and "with 16 frames" in steady.fraction.note
+    for refused, said in (
+        (lambda: defects(dark, dark.window(slice(0, 20), slice(0, 20))), "probability"),
+        (lambda: defects(dark, false_alarm=0.0), "probability between 0 and 1"),
+        (lambda: rts_pixels(Stack(dark.frames[:7], 0.1)), "at least 8 frames"),
+    ):
+        with pytest.raises(ms.InputError, match=said):
+            refused()
 
 
-def test_two_levels_have_the_levels_that_went_in() -> None:
-    """400 pixels of 64 frames, 40 % of them 20 DN higher, σ 2: means within 5 standard errors."""
+def test_two_levels_are_what_went_in_and_no_hot_pixel_or_particle() -> None:
+    """400 pixels of 64 frames, 40 % of them 20 DN higher, σ 2: means within 5 standard errors. Pixels of more shot
+    noise and two frames of a particle are no RTS pixels."""
     rng = np.random.default_rng(7)
-    values = 100 + 2 * rng.normal(size=(64, 40, 80))
+    electrons = rng.poisson(np.where(rng.random((40, 80)) < 0.1, 16.0, 1.0), (64, 40, 80))
+    values = 100.0 + electrons + 2 * rng.normal(size=electrons.shape)
+    values[4:6, 20, 21] += 500
+    values[:, :, ::8] = 100 + 2 * rng.normal(size=(64, 40, 10))
     values[:, :, ::8] += 20 * (rng.random((64, 40, 10)) < 0.4)
     found = rts_pixels(stack(values))
     assert sorted(set(found.columns)) == list(range(0, 80, 8)) and found.rows.size == 400
     assert found.steps.mean() == pytest.approx(20, abs=5 * 0.51 / 20)
     assert found.shares.mean() == pytest.approx(0.4, abs=5 * 0.0613 / 20)
     assert found.step_errors.mean() == pytest.approx(0.51, rel=0.1)
-
-
-def test_no_rts_pixels_and_too_few_frames_are_said() -> None:
-    rng = np.random.default_rng(8)
-    dark = stack(frames(rng, np.full((30, 30), 100.0), 16, QUIET))
-    found = rts_pixels(dark)
-    assert (
-        found.fraction.value == 0
-        and found.fraction.high < 0.5
-        and "no RTS pixels" in found.step.note
-    )
-    assert "are not found with 16 frames" in found.fraction.note and math.isnan(
-        found.step.value
-    )
-    assert math.isnan(rts_pixels(Stack(np.zeros((9, 5, 5), np.uint8), 0.1)).fraction.value)
-    with pytest.raises(ms.InputError, match="need at least 8 frames"):
-        rts_pixels(Stack(dark.frames[:7], 0.1))

@@ -36,17 +36,6 @@ def test_stacks_of_one_law_pass() -> None:
     ]
 
 
-@pytest.mark.exhaustive
-def test_two_frames_of_one_law_pass_as_often() -> None:
-    """Their deviations from the mean are the same but for the sign, and count once.
-
-    240 tests of lines at 1 %: more than 9 failures once in 10 000 runs. Counted twice, 20 and more fail.
-    """
-    pairs = [[Stack(_stack().frames[:2], 0.1) for _ in range(2)] for _ in range(120)]
-    found = [one for pair in pairs for one in frame_distances(*pair)[1:]]
-    assert sum(not one.passed for one in found) <= 9
-
-
 @pytest.mark.parametrize(
     ("other", "which"),
     [

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from chart_cases import distortion_case
-from image_quality_coverage import coverage
 
-import mitsuba_sensor as ms
 from mitsuba_sensor.lab.measure.colour_and_geometry.distortion import distortion, lateral_colour
 
 SHAPE = 1080, 1920
@@ -50,23 +47,3 @@ def test_a_channel_that_is_larger_has_lateral_colour_and_one_that_is_moved_has_n
     assert lateral_colour(green + np.array([0.3, -0.2]), green, SHAPE).value == pytest.approx(
         0, abs=1e-9
     )
-
-
-def test_lenses_cover_what_they_were_made_with() -> None:
-    """20 lenses, 5 figures of each: fewer than 82 % once in 1000 tests."""
-    shares = [share for share, _ in coverage(distortion_case, 20).values()]
-    assert 0.82 < np.mean(shares) <= 1
-
-
-def test_points_that_do_not_belong_together_are_refused() -> None:
-    with pytest.raises(ms.InputError, match="12 points or more"):
-        distortion(GRID[:5], GRID[:5], SHAPE)
-    with pytest.raises(ms.InputError, match="on a line"):
-        distortion(GRID, np.zeros_like(GRID), SHAPE)
-    with pytest.raises(ms.InputError, match="on a line"):
-        lateral_colour(GRID, GRID * [1.0, 0.0], SHAPE)
-    for shape in ((0, 0), (100.5, 100), 100):
-        with pytest.raises(ms.InputError, match="shape"):
-            lateral_colour(GRID, GRID, shape)  # type: ignore[arg-type]
-    with pytest.raises(ms.InputError, match="chart has shape"):
-        distortion(GRID, GRID[:20], SHAPE)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers.small_cameras import SmallCamera
 
-import mitsuba_sensor as ms
-from mitsuba_sensor.lab.frames.bench import Bench
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.emva_linear import emva_linear
-from mitsuba_sensor.lab.measure.stray_levels import stray_levels
+from mitsuba_sensor.lab.measure.radiometric import stray_levels
 
 CAMERA = SmallCamera()
 TRUE = {"K": 0.3, "η": 0.6, "R": 0.18}
@@ -68,15 +65,3 @@ def test_no_level_of_light_that_scatters_or_of_a_curved_response_is_off() -> Non
         scatter, curve = 10 ** rng.uniform(-4, -1.5), rng.uniform(-0.05, 0.05)
         signal = 3000 * light * (1 + curve * light) * (1 + scatter * rng.normal(size=25))
         assert not stray_levels(light, signal, np.full(25, 0.1))
-
-
-def test_photons_per_square_micrometre_are_refused_with_the_likely_unit() -> None:
-    """η would be 0.6·A for pixels of A µm²: 29.4 of 7 µm pixels; electrons are still those of the signal over K."""
-    darks, flats = CAMERA.bench(np.random.default_rng(5), 2, (48, 48), 20)
-    wrong = [replace(flat, photons=float(flat.photons or 0) / 49) for flat in flats]
-    found = emva_linear(darks, wrong)
-    assert math.isnan(found["η"].value) and "more electrons than photons" in found["η"].note
-    assert "per µm², of a pixel of 5.7 to 12 µm" in found["η"].note
-    assert found["µ_e.sat"].value == pytest.approx(10_000, rel=0.05)
-    with pytest.raises(ms.InputError, match=r"may be per µm².*Correct photons in the manifest"):
-        ms.lab.fit(Bench((), tuple(darks), tuple(wrong)))

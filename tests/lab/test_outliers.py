@@ -10,8 +10,8 @@ from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.nonuniformity import nonuniformity
 from mitsuba_sensor.lab.measure.profiles import profiles
 from mitsuba_sensor.lab.measure.spectrogram import spectrograms
-from mitsuba_sensor.lab.statistics.outliers import fill, outliers
-from mitsuba_sensor.lab.twin.maps import CombinedMap
+from mitsuba_sensor.lab.statistics.outliers import outliers
+from mitsuba_sensor.lab.twin.evidence import CombinedMap
 
 DSNU, PRNU = Sigmas(0.5, 1.0, 2.0), Sigmas(0.1, 0.2, 0.5)
 SHAPE = 160, 250
@@ -32,7 +32,7 @@ def stacks_with_hot_pixels(
     return Stack(in_dark, 0.1, bits=12), Stack(in_light, 0.1, bits=12)
 
 
-@pytest.mark.parametrize("count", [5, 20, 40])
+@pytest.mark.parametrize("count", [5, 40])
 def test_hot_pixels_do_not_hide_prnu(count: int) -> None:
     """Up to 0.1 % of 40 000 pixels, most of them clipped in the flat field; with them PRNU1288 was 0 (0 to 0)."""
     rng = np.random.default_rng(count)
@@ -41,26 +41,6 @@ def test_hot_pixels_do_not_hide_prnu(count: int) -> None:
     assert found.prnu_pixel.high < 1.1 * found.prnu_pixel.low
     assert f"without {count} pixels that stand out" in found.prnu.note
     assert "% with them" in found.prnu.note and "DN with them" in found.dsnu.note
-
-
-@pytest.mark.exhaustive
-def test_intervals_cover_95_of_100_sensors_with_a_tenth_of_a_per_cent_of_arbitrary_pixels() -> (
-    None
-):
-    """200 sensors of 9000 pixels, 9 of them hot: of each of 8 shares, chance leaves ±5.3 % once in 1700 runs."""
-    rng = np.random.default_rng(1)
-    known = {"dsnu": DSNU, "prnu": PRNU}
-    covered: dict[str, int] = {}
-    for _ in range(200):
-        found = nonuniformity(*stacks_with_hot_pixels(rng, 9, (90, 100)))
-        for name, sigmas in known.items():
-            parts = {"": sigmas.total, "_row": sigmas.row, "_col": sigmas.column}
-            for part, sigma in {**parts, "_pixel": sigmas.pixel}.items():
-                figure = getattr(found, name + part)
-                covered[name + part] = covered.get(name + part, 0) + figure.covers(sigma)
-    assert {name: n / 200 for name, n in covered.items()} == pytest.approx(
-        dict.fromkeys(covered, 0.95), abs=0.053
-    )
 
 
 def test_hot_pixels_do_not_hide_columns_in_a_spectrogram_or_a_slope_in_a_profile() -> None:
@@ -88,17 +68,6 @@ def test_the_tail_of_a_log_normal_dark_current_is_no_defect(cv: float) -> None:
     kept = image[~outliers(image)]
     assert kept.var() > 0.98 * image.var()
     assert not outliers(rng.normal(100, 100 * cv, (300, 300))).any()
-
-
-def test_what_is_filled_is_what_rows_and_columns_let_expect() -> None:
-    rng = np.random.default_rng(4)
-    smooth = rng.normal(size=(30, 1)) + rng.normal(size=(1, 40)) + 10
-    left_out = np.zeros((30, 40), bool)
-    left_out[3, 4] = True
-    broken = np.where(left_out, 1e6, smooth)
-    assert fill(broken, left_out)[3, 4] == pytest.approx(smooth[3, 4], abs=0.15)
-    left_out[:, 7] = True
-    assert np.isfinite(fill(smooth, left_out)).all()
 
 
 def test_the_map_of_a_twin_keeps_its_hot_pixels_and_the_spread_of_the_others() -> None:

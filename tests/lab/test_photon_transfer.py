@@ -53,18 +53,13 @@ def test_a_scene_gives_k_and_ends_at_what_limits_it(
     camera: SmallCamera, ends: str, dark: bool
 ) -> None:
     """A standard error of 0.3 %; the largest variance lies some standard deviations of shot noise below the end."""
-    found = of_scene(camera, dark)
+    found = of_scene(camera, dark, drift=0.003)
+    assert "drift by" in found.gain.note
     assert found.gain.covers(camera.gain) and found.gain.high < 1.02 * found.gain.low
     assert found.peak.limited_by == ends
     end = camera.gain * WELL_E if ends == "well" else 4095 - camera.black_dn
     assert found.peak.mean[1] <= end <= 1.04 * found.peak.mean[0]
     assert ("no dark frames" in found.gain.note) == (not dark)
-
-
-def test_light_that_drifts_does_not_move_k_of_a_scene() -> None:
-    found = of_scene(LINEAR, drift=0.01)
-    assert found.gain.covers(0.12) and found.gain.value == pytest.approx(0.12, rel=0.015)
-    assert "drift by" in found.gain.note
 
 
 @pytest.mark.exhaustive
@@ -77,14 +72,6 @@ def test_a_curved_response_widens_k_to_its_slope_at_zero_and_says_so(curve: obje
     assert found.initial_gain.covers(0.11)
 
 
-@pytest.mark.parametrize("level", [0.0, 64.0, 4095.0])
-def test_a_scene_of_one_level_is_refused(level: float) -> None:
-    with pytest.raises(
-        ms.InputError, match=r"1 levels of 30 pixels or more .* from darkness to saturation"
-    ):
-        photon_transfer_of_scene(Stack(np.full((4, 20, 20), level), 0.1, bits=12))
-
-
 def test_a_scene_below_saturation_says_so_and_dark_frames_of_another_size_are_refused() -> None:
     rng = np.random.default_rng(7)
     light = np.linspace(0, 20_000, 100) * np.ones((60, 1))
@@ -95,10 +82,10 @@ def test_a_scene_below_saturation_says_so_and_dark_frames_of_another_size_are_re
         and "does not reach saturation" in found.gain.note
     )
     assert found.gain.covers(0.12)
-    with pytest.raises(
-        ms.InputError, match=r"the scene has \(60, 100\) pixels, the dark frames \(30, 40\)"
-    ):
+    with pytest.raises(ms.InputError, match=r"the dark frames \(30, 40\)"):
         photon_transfer_of_scene(scene, LINEAR.stack(rng, 0.0, 8, (30, 40)))
+    with pytest.raises(ms.InputError, match=r"1 levels of 30 pixels or more"):
+        photon_transfer_of_scene(Stack(np.full((4, 20, 20), 64.0), 0.1, bits=12))
 
 
 @pytest.mark.parametrize("levels", [1, 2])

@@ -10,7 +10,7 @@ import scipy.stats
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.lab.frames.stack import Stack
-from mitsuba_sensor.lab.measure.polarization import UNKNOWN_DEG, polarization
+from mitsuba_sensor.lab.measure.polarization import UNKNOWN_DEG, Polarization, polarization
 
 ANGLES_DEG = ((90, 45), (135, 0))
 
@@ -25,7 +25,7 @@ def light_of(
     return s0 * (1 + contrast * dolp * np.cos(2 * (angles - math.radians(aolp_deg))))
 
 
-@pytest.mark.parametrize("aolp_deg", [0.0, 30.0, 77.0, 90.0, 160.0])
+@pytest.mark.parametrize("aolp_deg", [0.0, 77.0, 160.0])
 @pytest.mark.parametrize(("dolp", "ratio"), [(0.05, 1e6), (0.4, 100.0), (1.0, 3.0)])
 def test_degree_and_angle_are_those_of_the_light(
     dolp: float, ratio: float, aolp_deg: float
@@ -79,6 +79,9 @@ def test_error_bars_cover_and_the_bias_of_rice_is_taken_off(dolp: float) -> None
     light = light_of(s0, dolp, 25.0, (200, 200))
     frame = light + rng.normal(0, sigma_dn, light.shape)
     measured = polarization(Stack(frame[None], 0.1), ANGLES_DEG, variance_dn2=sigma_dn**2)
+    eight = light + rng.normal(0, sigma_dn, (32, *light.shape))
+    of_frames = polarization(Stack(eight, 0.1), ANGLES_DEG)
+    assert of_frames.mean_dolp.covers(dolp) and of_frames.mean_aolp.covers(25.0)
     sigma = sigma_dn / math.sqrt(2) / s0
     rice = scipy.stats.rice(dolp / sigma, scale=sigma)
     three = 3 * rice.std() / 100
@@ -91,50 +94,6 @@ def test_error_bars_cover_and_the_bias_of_rice_is_taken_off(dolp: float) -> None
         assert 0.66 < np.mean(abs(off) < measured.aolp_error_deg) < 0.70
         off = measured.dolp - rice.mean()
         assert 0.66 < np.mean(abs(off) < measured.dolp_error) < 0.70
-
-
-def test_the_variance_between_frames_gives_the_same_error_bars() -> None:
-    rng = np.random.default_rng(2)
-    frames = light_of(800.0, 0.3, 50.0, (40, 40)) + rng.normal(0, 10.0, (64, 40, 40))
-    measured = polarization(Stack(frames, 0.1), ANGLES_DEG)
-    known = polarization(Stack(frames, 0.1), ANGLES_DEG, variance_dn2=100.0)
-    np.testing.assert_allclose(measured.dolp_error, known.dolp_error, rtol=0.4)
-    assert measured.mean_dolp.covers(0.3) and measured.mean_aolp.covers(50.0)
-    assert measured.colours().shape == (20, 20, 3)
-
-
-def test_what_is_not_polarised_has_no_angle_and_what_is_dark_no_degree() -> None:
-    measured = polarization(Stack(np.full((1, 2, 2), 100.0), 0.1), ANGLES_DEG, variance_dn2=4.0)
-    assert measured.aolp_error_deg[0, 0] == pytest.approx(UNKNOWN_DEG)
-    dark = polarization(Stack(np.zeros((1, 2, 2)), 0.1), ANGLES_DEG, variance_dn2=4.0)
-    assert np.isnan(dark.dolp).all() and np.isnan(dark.aolp_deg).all()
-
-
-def test_a_tile_with_a_saturated_pixel_is_not_measured() -> None:
-    light = light_of(1000.0, 0.5, 20.0, (4, 8))
-    light[0, 0] = 4095
-    measured = polarization(
-        Stack(light[None], 0.1, bits=12), ANGLES_DEG, variance_dn2=1.0, extinction_ratio=1e9
-    )
-    assert np.isnan(measured.dolp).sum() == 1 and np.isnan(measured.dolp[0, 0])
-    assert measured.mean_dolp.value == pytest.approx(0.5, abs=1e-5)
-
-
-def test_frames_and_angles_that_show_no_polarisation_are_refused() -> None:
-    stack = Stack(np.full((1, 4, 4), 100.0), 0.1)
-    for angles, options, said in (
-        (ANGLES_DEG, {}, "one frame shows no noise"),
-        ([[0, 90]], {"variance_dn2": 1.0}, "three different angles"),
-        (
-            ANGLES_DEG,
-            {"variance_dn2": 1.0, "extinction_ratio": 1.0},
-            "extinction ratio above 1",
-        ),
-        ([0, 45, 90], {"variance_dn2": 1.0}, "pass rows of angles"),
-        (np.tile(ANGLES_DEG, (4, 4)), {"variance_dn2": 1.0}, "pass larger frames"),
-    ):
-        with pytest.raises(ms.InputError, match=said):
-            polarization(stack, angles, **options)
 
 
 @pytest.mark.exhaustive
@@ -158,43 +117,20 @@ def test_polanalyser_reads_the_frames_alike() -> None:
     assert len(mosaic) == 4
 
 
-def test_wells_that_are_full_below_the_largest_code_are_left_out() -> None:
-    """A tile at the full well seems not to be polarised; with its level given it is not known."""
+def test_what_shows_no_polarisation_has_none() -> None:
+    """No angle of light that is not polarised, no degree in the dark or where a pixel of the tile is saturated."""
+
+    def of(frame: np.ndarray, **options: float) -> Polarization:
+        return polarization(
+            Stack(frame[None], 0.1, bits=12), ANGLES_DEG, variance_dn2=4.0, **options
+        )
+
+    assert of(np.full((2, 2), 100.0)).aolp_error_deg[0, 0] == pytest.approx(UNKNOWN_DEG)
+    assert np.isnan([of(np.zeros((2, 2))).dolp, of(np.zeros((2, 2))).aolp_deg]).all()
     tile = np.array([[1000.0, 900.0], [900.0, 800.0]])
     frame = np.hstack([tile, np.minimum(10 * tile, 3935.0)])
-    stack = Stack(frame[None], 0.1, bits=12)
-    naive = polarization(stack, ANGLES_DEG, variance_dn2=4.0)
-    assert naive.dolp[0, 1] == pytest.approx(0.0, abs=1e-9)
-    known = polarization(stack, ANGLES_DEG, variance_dn2=4.0, saturation_dn=3900)
-    assert np.isnan(known.dolp[0, 1]) and known.dolp[0, 0] == naive.dolp[0, 0]
-
-
-@pytest.mark.parametrize(
-    ("shape", "black_dn", "says"),
-    [
-        ((5, 4), 64.0, r"5 × 4 pixels.*frames\[:, :4, :4\]"),
-        ((4, 7), 64.0, r"4 × 7 pixels.*frames\[:, :4, :6\]"),
-        ((4, 4), None, "black_dn"),
-        ((4, 4), math.nan, "black_dn is NaN"),
-        ((4, 4), np.zeros(3), r"black_dn has shape \(3,\)"),
-    ],
-)
-def test_parts_of_tiles_and_black_levels_that_are_none_are_refused(
-    shape: tuple[int, int], black_dn: object, says: str
-) -> None:
-    stack = Stack(np.full((2, *shape), 100.0), 0.1)
-    with pytest.raises(ms.InputError, match=says):
-        polarization(stack, ANGLES_DEG, black_dn=black_dn, variance_dn2=4.0)  # type: ignore[arg-type]
-
-
-def test_plan_and_report_know_a_camera_with_polarisers() -> None:
-    """Of unpolarised light: the report's mean of a frame is theory's within five standard errors, and a plan for half a
-    code leaves out nothing that is more."""
-    camera = ms.load_camera("sony_imx250mzr")
-    light = np.full((100, 120), 4000.0)
-    frames = ms.expose(light, camera, ms.Exposure(0.01), seed=2)
-    error = 5 * frames.theory.averages(frames.stages[-1]).sigma / math.sqrt(light.size)
-    assert frames.digital.mean() == pytest.approx(frames.clean.mean(), abs=error)
-    planned = ms.expose(light, camera, ms.Exposure(0.01), seed=2, tolerance_dn=0.5)
-    assert planned.plan is not None
-    assert abs(planned.digital.astype(float) - frames.digital).mean() < 0.5
+    assert of(frame).dolp[0, 1] == pytest.approx(0.0, abs=1e-9)  # at the full well
+    assert np.isnan(of(frame, saturation_dn=3900).dolp).tolist() == [[False, True]]
+    full = np.hstack([tile, np.full((2, 2), 4095.0)])
+    assert np.isnan(of(full).dolp).tolist() == [[False, True]]
+    assert of(full).mean_dolp.value == pytest.approx(of(tile).mean_dolp.value)

@@ -5,18 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mitsuba_sensor.lab.frames.stack import Stack
-from mitsuba_sensor.lab.measure.dark_current import dark_current
 from mitsuba_sensor.lab.quantity import Quantity, normal_interval, quotient
 from mitsuba_sensor.pages.page import Section, study_of
-
-
-def test_a_negative_value_may_be_divided() -> None:
-    above = Quantity("µ_I", "", -0.5, -0.6, 0.3, "DN/s", "")
-    below = Quantity("K", "", 0.012, 0.009, 0.0125, "DN/e-", "")
-    quotient = above.divided(below, "e-/s")
-    assert quotient.value == pytest.approx(-0.5 / 0.012)
-    assert quotient.low < quotient.value < quotient.high
 
 
 @pytest.mark.parametrize("true", [-3.0, -0.5, 0.0, 0.5, 3.0])
@@ -50,15 +40,6 @@ def test_a_sentence_that_two_quantities_share_stands_once_in_the_note_of_their_q
     below = Quantity("σ_d", "", 7.0, 6.9, 7.1, "e-", "", "points may be curved")
     like = Quantity("DR", "", 1.0, 1.0, 1.0, "1", "", limit)
     assert quotient(above, below, like).note == f"{limit}; points may be curved"
-
-
-def test_a_black_level_that_falls_with_the_exposure_time_is_said() -> None:
-    rng = np.random.default_rng(2)
-    stacks = [
-        Stack(100 - 5 * time + rng.normal(size=(4, 30, 30)), time) for time in (0.1, 1.0, 2.0)
-    ]
-    current = dark_current(stacks).from_mean
-    assert current.high < 0 and "negative: the black level falls" in current.note
 
 
 def test_a_headline_says_what_failed_and_what_was_not_measured() -> None:

@@ -1,10 +1,11 @@
-"""Benches that used to be measured wrongly without a word: refused, or right with a note."""
+"""Benches that used to be measured wrongly without a word: refused, right, or without a figure and with a note."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,33 +16,32 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.lab.frames.bench import Bench
 from mitsuba_sensor.lab.frames.stack import Stack
 from mitsuba_sensor.lab.measure.defects import defects
+from mitsuba_sensor.lab.measure.emva_linear import emva_linear
 from mitsuba_sensor.lab.measure.nonuniformity import nonuniformity
-from mitsuba_sensor.lab.measure.stray_levels import stray_levels
+from mitsuba_sensor.lab.measure.radiometric import stray_levels
 from mitsuba_sensor.lab.statistics.mean_squares import MeanSquare, root
 
 CAMERA, SHAPE = SmallCamera(prnu=0.01), (64, 64)
 TILE = np.tile([[0.5, 1.0], [1.0, 0.4]], (32, 32))
+BAYER = (("R", "G"), ("G", "B"))
 Change = Callable[[Stack], Stack]
 
 
-def bench(seed: int = 1, change: Change = lambda flat: flat) -> Bench:
-    """Dark frames of three exposures, flat fields of 12 levels, 4 frames each."""
+def bench(seed: int = 1, **change: Change) -> Bench:
+    """Dark frames of three exposures, flat fields of 12 levels, 4 frames each; stacks of some kinds changed."""
     rng = np.random.default_rng(seed)
     darks, flats = CAMERA.bench(rng, 4, SHAPE, 12)
-    darks += [
-        replace(CAMERA.stack(rng, 200.0 * time, 4, SHAPE), exposure_s=time, photons=0.0)
-        for time in (1.0, 4.0)
-    ]
-    return Bench((), tuple(darks), tuple(map(change, flats)))
+    for time in (1.0, 4.0):
+        taken = CAMERA.stack(rng, 200.0 * time, 4, SHAPE)
+        darks.append(replace(taken, exposure_s=time, photons=0.0))
+    made = Bench((), tuple(darks), tuple(flats))
+    return replace(
+        made, **{kind: tuple(map(f, getattr(made, kind))) for kind, f in change.items()}
+    )
 
 
-def smooth(flat: Stack) -> Stack:
-    averaged = scipy.ndimage.uniform_filter(flat.frames.astype(float), (0, 3, 3))
-    return replace(flat, frames=np.rint(averaged).astype(np.uint16))
-
-
-def one_copy(flat: Stack) -> Stack:
-    return replace(flat, frames=flat.frames[[0, 1, 2, 1]])
+def frames_of(change: Callable[[np.ndarray], Any]) -> Change:
+    return lambda stack: replace(stack, frames=np.asarray(change(stack.frames)))
 
 
 def behind_filters(flat: Stack) -> Stack:
@@ -49,43 +49,84 @@ def behind_filters(flat: Stack) -> Stack:
     return replace(light, photons=flat.photons)
 
 
-@pytest.mark.parametrize("measure", [ms.lab.measure_bench, ms.lab.fit])
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [
-        (one_copy, "frames 2 and 4 are identical"),
-        (behind_filters, r"signals of 16[0-9]{2}, 3000, 3000, 13[0-9]{2} DN.*tile"),
-    ],
-)
-def test_copies_and_mosaics_without_a_tile_are_refused(
-    measure: Callable[[Bench], object], change: Change, sentence: str
+def smooth(frames: np.ndarray) -> np.ndarray:
+    averaged = scipy.ndimage.uniform_filter(frames.astype(float), (0, 3, 3))
+    return np.rint(averaged).astype(np.uint16)
+
+
+REFUSED: dict[str, tuple[dict[str, Change], str]] = {
+    "copies": ({"flats": frames_of(lambda f: f[[0, 1, 2, 1]])}, "frames 2 and 4 are identical"),
+    "a mosaic without a tile": ({"flats": behind_filters}, r"16[0-9]{2}, 3000, 3000, 13.*tile"),
+    "two mosaics": ({"flats": lambda s: replace(s, tile=BAYER)}, "different mosaics"),
+}
+BOTH = ("darks", "flats")
+NO_TWIN: dict[str, tuple[dict[str, Change], str]] = {
+    "denoised": ({"flats": frames_of(smooth)}, "correlated by 0.6"),
+    "one dark frame": ({"darks": frames_of(lambda f: f[:1])}, "no dark stack has 2 frames|2 frames or more"),
+    "one flat frame": ({"flats": frames_of(lambda f: f[:1])}, "single frames"),
+    "all black": (dict.fromkeys(BOTH, frames_of(lambda f: f * 0)), "every value is 0"),
+    "all saturated": ({"flats": frames_of(lambda f: f * 0 + 4095)}, "K cannot be measured"),
+    "other sizes": ({"darks": frames_of(lambda f: f[:, :-1])}, "differ in size"),
+    "few rows": (dict.fromkeys(BOTH, frames_of(lambda f: f[:, :6])), "6 rows or columns"),
+    "cut black": (dict.fromkeys(BOTH, frames_of(lambda f: f.clip(64) - 64)), "black level is too low"),
+    "photons per µm²": ({"flats": lambda s: replace(s, photons=s.photons / 49)}, "may be per µm².*Correct photons"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_benches_that_are_measured_wrongly_are_refused(name: str) -> None:
+    change, sentence = REFUSED[name]
+    for measure in (ms.lab.measure_bench, ms.lab.fit):
+        with pytest.raises(ms.InputError, match=sentence):
+            measure(bench(**change))
+
+
+@pytest.mark.parametrize("name", NO_TWIN)
+def test_benches_that_show_no_camera_have_no_twin_and_no_figure_without_a_note(
+    name: str,
 ) -> None:
+    """Where figures can be measured nevertheless, they hold the truth or have a note."""
+    change, sentence = NO_TWIN[name]
     with pytest.raises(ms.InputError, match=sentence):
-        measure(bench(change=change))
+        ms.lab.fit(bench(**change))
+    if name == "other sizes":
+        return
+    (found,) = ms.lab.measure_bench(bench(**change))
+    for symbol, true in (("K", 0.3), ("η", 0.6), ("σ_d", 6.0)):
+        figure = found.figures.get(symbol)
+        if figure is None:
+            assert "2 frames or more" in found.refused["photon transfer"]
+        else:
+            assert (math.isnan(figure.value) and figure.note) or figure.covers(true), figure
 
 
-def test_denoised_frames_have_no_k_and_a_reason() -> None:
-    """The mean of 3 × 3 pixels: horizontal neighbours share 6 of 9, so they are correlated by 0.67."""
-    smoothed = bench(change=smooth)
-    (found,) = ms.lab.measure_bench(smoothed)
-    for symbol in ("K", "η", "σ_d", "µ_e.sat"):
-        assert math.isnan(found.figures[symbol].value), symbol
-    assert "correlated by 0.6" in found.figures["K"].note
-    with pytest.raises(ms.InputError, match="correlated by"):
-        ms.lab.fit(smoothed)
-    (raw,) = ms.lab.measure_bench(bench())
-    assert raw.figures["K"].covers(0.3)
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda darks, flats: ([], flats), "0 dark stacks and 12 flat"),
+        (lambda darks, flats: (darks, [flats[0].window(slice(20), slice(20)), *flats]), "differ in shape"),
+        (lambda darks, flats: (darks, [replace(flats[0], gain="800"), *flats]), "differ in gain"),
+        (lambda darks, flats: (darks, [replace(flats[9], bits=8), *flats]), "is beyond 8 bits"),
+        (lambda darks, flats: (darks, [replace(flats[0], photons=None), *flats]), "all of them or none"),
+        (lambda darks, flats: (darks, [replace(flats[0], photons=np.ones(SHAPE))]), "are an array"),
+        (lambda darks, flats: ([replace(darks[0], tile=BAYER)], flats), "of_filters"),
+    ],
+)  # fmt: skip
+def test_stacks_that_do_not_belong_together_are_refused(change: Any, said: str) -> None:
+    given = bench()
+    with pytest.raises(ms.InputError, match=said):
+        emva_linear(*change(given.darks[:1], given.flats))
 
 
 def test_dark_frames_at_the_full_well_are_left_out_and_named() -> None:
     sound = bench()
     full = CAMERA.stack(np.random.default_rng(2), 60_000.0, 4, SHAPE)
     full = replace(full, exposure_s=600.0, photons=0.0)
-    (found,) = ms.lab.measure_bench(replace(sound, darks=(*sound.darks, full)))
+    with_full = replace(sound, darks=(*sound.darks, full))
+    (found,) = ms.lab.measure_bench(with_full)
     assert "dark frames of 600 s are saturated" in " ".join(found.notes)
     assert found.figures["µ_I.mean"].covers(120)
-    twin = ms.lab.fit(replace(sound, darks=(*sound.darks, full)))
-    assert twin.figures()["µ_I"].quantity.covers(120)
+    assert ms.lab.fit(with_full).figures()["µ_I"].quantity.covers(120)
 
 
 @pytest.mark.parametrize("fall", [0.0, 0.05, 0.2])
@@ -128,58 +169,37 @@ def test_no_interval_has_no_width_and_no_unit_is_1() -> None:
 
 
 def test_an_instrument_of_ones_own_is_one_function_and_one_row() -> None:
+    """One that returns nothing is refused, one without scatter has no interval, and the others measure."""
+
     def warmest(dark: Stack) -> tuple[float, float, float]:
         return float(dark.mean.max()), float(dark.mean.min()), float(dark.mean.max())
 
     row = ms.lab.Instrument(
-        "warmest pixel", lambda found: found.bench.darks[:1], warmest, "e-", "our rule"
+        "warmest", lambda found: found.bench.darks[:1], warmest, "DN", "our rule"
     )
-    exact = ms.lab.Instrument(
-        "columns", lambda found: [found.results["warmest pixel"]], lambda _: (3, 3, 3), "", ""
-    )
-    (found,) = ms.lab.measure_bench(
-        bench(), instruments=[*ms.lab.INSTRUMENTS, row._replace(unit="DN"), exact]
-    )
-    figure = found.figures["warmest pixel"]
+    exact = row._replace(title="exact", function=lambda dark: (3, 3, 3))
+    nothing = row._replace(title="nothing", function=lambda dark: None)
+    rows = [nothing, *ms.lab.INSTRUMENTS, row, exact]
+    (found,) = ms.lab.measure_bench(bench(), instruments=rows)
+    figure = found.figures["warmest"]
     assert figure.value == pytest.approx(found.bench.darks[0].mean.max())
-    assert figure.section == "our rule"
-    assert "do not scatter" in found.figures["columns"].note
-
-
-@pytest.mark.parametrize(("sigma_dn", "shown"), [(0.05, False), (0.15, False), (1.0, True)])
-def test_a_step_chart_has_speeds_and_a_dynamic_range_only_where_noise_shows(
-    sigma_dn: float, shown: bool
-) -> None:
-    """K 0.25 DN/e-: SNR 10 is where N² = 100·(N + (σ² + 1/12)/K²); patches of one code are no error."""
-    rng, gain, black = np.random.default_rng(6), 0.25, 64.2
-    steps_e = np.array([0.0, 20, 100, 400, 1500, 4000, 8000, 12_000])
-    light = np.repeat(steps_e, 24) * np.ones((8, 24, 1))
-    values = black + gain * rng.poisson(light) + sigma_dn * rng.normal(size=light.shape)
-    stack = Stack(np.rint(values).astype(np.uint16), 0.1, bits=12)
-    regions = [(0, 24 * k, 24, 24) for k in range(8)]
-    chart = ms.lab.step_chart(stack, regions, steps_e / 1000, black_dn=black)
-    read_e2 = (sigma_dn**2 + 1 / 12) / gain**2
-    signal_e = 50 + math.sqrt(2500 + 100 * read_e2)
-    assert chart.noise_speed_10.value == pytest.approx(10_000 / signal_e, rel=0.04)
-    assert math.isfinite(chart.dynamic_range.value) == shown
-    if shown:
-        least_e = 0.5 + math.sqrt(0.25 + read_e2)
-        decibel = 20 * math.log10((4095 - black) / gain / least_e)
-        assert chart.dynamic_range.value == pytest.approx(decibel, abs=0.3)
-
-
-def test_a_clipped_edge_is_told() -> None:
-    rows, columns = np.mgrid[:48, :48]
-    place = np.clip(columns - 24 - 0.1 * (rows - 24), 0, 1)
-    edge = 100 + 800 * place + 3 * np.random.default_rng(8).normal(size=place.shape)
-    told = [
-        "clipped" in ms.lab.slanted_edge(picture).quantities[0].note
-        for picture in (edge, 100 + 800 * place, np.minimum(edge, 700), np.maximum(edge, 300))
-    ]
-    assert told == [False, False, True, True]
-
-
-def test_an_instrument_that_returns_nothing_is_refused_and_the_others_measure() -> None:
-    nothing = ms.lab.Instrument("nothing", lambda found: (), lambda: None, "", "")
-    (found,) = ms.lab.measure_bench(bench(), instruments=[nothing, *ms.lab.INSTRUMENTS])
+    assert figure.section == "our rule" and "do not scatter" in found.figures["exact"].note
     assert "returned NoneType" in found.refused["nothing"] and found.figures["K"].covers(0.3)
+
+
+def test_frames_of_zeros_have_no_figure_but_notes_and_a_bench_without_frames_is_refused() -> (
+    None
+):
+    flats = [
+        Stack(np.zeros((count, 8, 8), np.uint16), 0.01, photons, bits=8)
+        for count, photons in ((2, 100.0), (2, 200.0), (2, 400.0), (8, 300.0))
+    ]
+    dark = Stack(np.zeros((8, 8, 8), np.uint16), 0.01, 0, bits=8)
+    (measured,) = ms.lab.measure_bench(Bench((), (dark,), tuple(flats)))
+    for figure in measured.figures.values():
+        assert math.isnan(figure.value) and figure.note
+    with pytest.raises(ms.InputError, match="no frames"):
+        ms.lab.measure_bench(Bench((), (), ()))
+    for lack in ("darks", "flats"):
+        with pytest.raises(ms.InputError, match="there are no"):
+            ms.lab.fit(replace(bench(), **{lack: ()}))

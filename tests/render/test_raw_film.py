@@ -124,10 +124,6 @@ def test_any_sensor_of_a_scene_has_a_raw_frame(variant: str) -> None:
     assert (frame(mi, seen_by(*TWO)) != alone).any()
 
 
-
-
-
-
 def test_raw_frame_may_be_given_to_render_instead_of_the_integrator_of_the_scene() -> None:
     mi = ready("llvm_ad_spectral")
     around = mi.load_dict({"type": "raw_frame"})

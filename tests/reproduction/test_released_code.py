@@ -488,8 +488,8 @@ PAGE = {
 
 @pytest.mark.parametrize("printed", PAGE)
 def test_the_numbers_of_the_page(printed: str) -> None:
-    """docs/konnik2014.md says what the code does, to the last digit printed."""
-    page = (ROOT / "docs" / "konnik2014.md").read_text("utf-8")
+    """docs/stages.md says what the code does, to the last digit printed."""
+    page = (ROOT / "docs" / "stages.md").read_text("utf-8")
     number, digits = float(printed.rstrip(" %")), len(printed.rstrip(" %").partition(".")[2])
     assert printed in page
     assert PAGE[printed]() == pytest.approx(number, abs=0.5000001 * 10.0**-digits)

@@ -129,21 +129,6 @@ def test_one_thread_and_two_deliver_the_same_bytes(monkeypatch: pytest.MonkeyPat
 
 
 @compiled
-def test_a_crop_is_the_crop_of_the_frame_in_any_order_and_batch() -> None:
-    """Frames 3 … 5 of a window, alone, together, backwards and streamed."""
-    camera = TABLE1.replace(**NONLINEAR, **{"pixel.dsnu_e": 10.0})
-    light = dark_to_saturation(camera)
-    whole = frame(camera, light, "drjit", frames=3, first_frame=3)
-    rows, columns = slice(101, 190), slice(7, 100)
-    window = light[rows, columns]
-    for index in (2, 0, 1):
-        alone = frame(camera, window, "drjit", first_frame=3 + index, origin=(101, 7))
-        np.testing.assert_array_equal(alone[0], whole[index, rows, columns])
-    streamed = list(ms.stream(light, camera, EXPOSURE, frames=3, first_frame=3, engine="drjit"))
-    np.testing.assert_array_equal(streamed, whole)
-
-
-@compiled
 def test_a_changed_number_compiles_nothing_and_a_source_left_out_does() -> None:
     """Numbers go in as data. (Kernels are counted by Dr.Jit itself.)"""
     dr, light = drjit(), dark_to_saturation(TABLE1)

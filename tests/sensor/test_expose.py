@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import pickle
 from typing import Any
 
@@ -43,20 +42,6 @@ def test_photons_come_as_an_array_a_list_or_photons_and_give_the_same_frame() ->
         np.testing.assert_array_equal(ms.expose(same, CAMERA, EXPOSURE).digital, one)
     with_band = ms.expose(LIGHT[..., None], CAMERA, EXPOSURE, wavelengths_nm=[550.0])
     np.testing.assert_array_equal(with_band.digital, one)
-
-
-def test_bands_are_weighted_with_their_quantum_efficiency() -> None:
-    """Photons at 460 nm and 620 nm in one picture free the electrons that both free alone, on average."""
-    light = np.full((100, 100, 2), 10_000.0)
-    electrons = ms.expose(
-        light, BAYER, EXPOSURE, wavelengths_nm=[460.0, 620.0], keep=("electrons",)
-    ).electrons[0]
-    filters = BAYER.filter_index((100, 100))
-    for number, qe in enumerate(BAYER.qe([460.0, 620.0]).sum(axis=1)):
-        mean = 10_000 * qe + 0.5
-        pixels = electrons[filters == number]
-        sigma = math.sqrt(mean + (0.01 * mean) ** 2)
-        assert pixels.mean() == pytest.approx(mean, abs=5 * sigma / math.sqrt(pixels.size))
 
 
 def test_intermediate_signals_come_on_request_and_belong_together() -> None:

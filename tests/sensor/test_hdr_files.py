@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
-from helpers import ROOT
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.theory.dynamic_range import hdr_figures
@@ -25,22 +22,6 @@ def test_a_camera_file_is_right(name: str) -> None:
     assert camera.code_bits == bits
     first = next(iter(camera.readout_cameras.values()))
     assert first.system_gain_dn_per_e == pytest.approx(gain)
-
-
-def test_the_snippets_of_the_page_can_be_pasted() -> None:
-    """Read-outs at the end of a new camera file, lines of another table below its heading."""
-    page = (ROOT / "docs" / "hdr.md").read_text(encoding="utf-8")
-    plain = ms.load_camera("sony_imx174").replace(**{"source_follower.read_noise_e": 6.83})
-    snippets = re.findall(r"```toml\n(\[.*?)```", page, re.S)
-    for snippet in snippets:
-        text, heading = plain.to_toml(), snippet.splitlines()[0]
-        if heading == "[[readouts]]":
-            text += f"\n{snippet}"
-        else:
-            text = text.replace(f"\n{heading}\n", f"\n{snippet}", 1)
-        camera = ms.load_camera(text)
-        assert camera.readouts or camera.pixel.partial_resets or camera.companding.knees
-    assert len(snippets) == 5
 
 
 def test_the_split_pixel_has_the_noise_and_the_range_of_its_publication() -> None:

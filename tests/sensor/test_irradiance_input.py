@@ -88,14 +88,6 @@ def test_a_cube_is_counted_band_by_band() -> None:
     np.testing.assert_allclose(same.mean, photons.mean * 20 / 50, rtol=1e-12)
 
 
-def test_collected_light_goes_straight_into_expose() -> None:
-    light = ms.gradient_light(0.0, FULL_WELL_W_PER_M2, (5, 40))
-    digital = ms.expose(ms.collect(light, TABLE1, EXPOSURE), TABLE1, EXPOSURE).digital
-    assert digital.shape == (1, 5, 40)
-    by_hand = np.broadcast_to(np.linspace(0, 55_000, 40), (5, 40))
-    np.testing.assert_array_equal(digital, ms.expose(by_hand, TABLE1, EXPOSURE).digital)
-
-
 def test_the_test_lights_are_what_they_are_called() -> None:
     flat = ms.uniform_light(0.01, (3, 5))
     assert flat.shape == (3, 5) and (flat == 0.01).all()

@@ -168,21 +168,6 @@ def test_two_sources_are_uncorrelated(one: str, two: str) -> None:
     assert abs(np.mean(a * b)) < 5 / 2**8
 
 
-@pytest.mark.parametrize("source", STREAMS)
-def test_neighbours_frames_and_cameras_are_uncorrelated(source: str) -> None:
-    """|ρ| < 5/√n between a pixel and its neighbours, the next frame, the next seed, the next serial."""
-    shape = {None: (256, 256), 1: (1, 2**16), 0: (2**16, 1)}[LINES.get(source)]
-    one = normals(source, SensorWindow(4, shape))
-    others = [
-        np.roll(one, 1, axis=LINES.get(source, 1)),
-        normals(source, SensorWindow(5, shape), seed=5, index=0),
-    ]
-    if not STREAMS[source][0] & FIXED_PATTERN:
-        others += [np.roll(one, 1, axis=0), normals(source, SensorWindow(4, shape), index=1)]
-    for other in others:
-        assert abs(np.mean(one * other)) < 5 / 2**8
-
-
 def test_a_source_of_ones_own_has_a_stream_of_its_own() -> None:
     """A name that the package does not list: a block outside the listed ones, FPN apart from temporal noise."""
     assert stream_of("photon_shot") == STREAMS["photon_shot"]

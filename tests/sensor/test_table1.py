@@ -24,7 +24,6 @@ EXPECTED = json.loads((DATA / "table1_expectations.json").read_text("utf-8"))["r
 LEVELS = [row["level"] for row in EXPECTED]
 EXPOSURE = ms.Exposure(time_s=0.1, temperature_k=298.15)
 CAMERA = ms.load_camera("konnik_table1")
-HARD = CAMERA.replace(**{"readout.reset": "hard"})
 QE = 0.60
 
 
@@ -67,31 +66,6 @@ def test_spatial_sigma_of_a_frame_is_that_of_table_1_within_1_percent(
     assert digital[row["level"]][0].std() == pytest.approx(
         row["spatial_std_DN_no_kTC"], rel=0.01
     )
-
-
-TERMS = {
-    "prnu": ("prnu", "spatial"),
-    "dark_fpn": ("dark_current", "spatial"),
-    "source_follower": ("source_follower_noise", "temporal"),
-    "kTC_full": ("reset_noise", "temporal"),
-    "column_offset_0p1pct_FW": ("dsnu_column", "spatial"),
-}
-"""Term of the expectations → the stage that adds it, and as which noise."""
-
-
-@pytest.mark.parametrize("term", TERMS)
-def test_every_term_of_the_error_budget_has_its_size(term: str) -> None:
-    """Each stage alone, so that no two errors can cancel in a sum; PRNU as a share of the light."""
-    key, noise = TERMS[term]
-    stage = next(stage for stage in HARD.stages if stage.key() == key)
-    budget, light_e = EXPECTED[-1]["var_e"][term], EXPECTED[-1]["light_e"]
-    sigma = math.sqrt(budget) * (1.0 if stage.domain == "electrons" else 5e-6)
-    dark_e = EXPECTED[-1]["dark_e"]
-
-    def of_light(entering: float) -> float:
-        return sigma * (entering - dark_e) / light_e if key == "prnu" else sigma
-
-    ms.check_stage(stage, camera=HARD, exposure=EXPOSURE, **{noise: of_light})
 
 
 def test_27500_photons_give_16500_electrons_with_the_noise_of_detected_electrons() -> None:

@@ -117,16 +117,6 @@ class Hum(ms.Stage):
         )
 
 
-def test_a_stage_needs_no_hash() -> None:
-    camera = TABLE1.with_stage(Hum(), after="reset_noise")
-    plan = ms.plan(camera, DARK, np.zeros((4, 4)))
-    assert any(effect.stage == "hum" and effect.kept for effect in plan.effects)
-    np.testing.assert_array_equal(
-        ms.expose(np.zeros((4, 4)), camera, DARK, plan=plan).digital,
-        ms.expose(np.zeros((4, 4)), camera, DARK).digital,
-    )
-
-
 def test_a_stage_that_leaves_float32_is_refused() -> None:
     """On NumPy a float64 scalar makes the frame float64, on Dr.Jit it does not."""
     with pytest.raises(InputError, match=r"makes float64 of float32.*frame\.number"):

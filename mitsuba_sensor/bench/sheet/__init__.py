@@ -1,6 +1,6 @@
 """The image-quality sheet of a camera: charts in front of it, what instruments measure, and theory beside.
 
-setting : gain and temperature, and how frames are taken.  light : light of a chart, rendered once and kept.
-chart : what every chart has.  emva, edge, steps, … : one chart each, with its light, its frames, its instrument and its
-theory; charts lists them.  sheet : all of them at all settings, as rows.  page : rows as a page, JSON and CSV.
+chart : what every chart has.  charts, modulation, patches : the table of charts.  light : their scenes, rendered
+once and kept.  optics, closed_forms : theory.  sheet : the loop over charts and settings, and frames of real cameras.
+page, comparison : rows as a page, JSON and CSV.
 """

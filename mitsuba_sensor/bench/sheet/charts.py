@@ -1,35 +1,270 @@
-"""The charts of the sheet, in the order of the page."""
+"""The charts of the sheet: a row of CHARTS has a scene, the frames of it, and an instrument.
+
+The theory of a chart is what the same instrument finds in the picture without noise (optics.py). EMVA 1288 and the step
+chart have closed forms instead (closed_forms.py). One more chart is one more row.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ...camera.camera import Camera
 from ...core import InputError, nearest
-from .chart import Chart
-from .colours import ColoursChart
-from .edge import EDGES
-from .emva import EmvaChart
-from .grey import GreyChart
-from .leaves import LeavesChart
-from .led import LedChart
-from .star import StarChart
-from .steps import StepsChart
-
-CHARTS: tuple[Chart, ...] = (
-    EmvaChart(),
-    *EDGES,
-    StarChart(),
-    LeavesChart(),
-    StepsChart(),
-    ColoursChart(),
-    GreyChart(),
-    LedChart(),
+from ...core.types import Float64Array
+from ...lab.frames.bench import Bench
+from ...lab.measure.automotive.flicker import flicker
+from ...lab.measure.colour_and_geometry.flat_field import flat_field
+from ...lab.measure.measurement import measure_bench
+from ...lab.quantity import Quantity
+from ...optics.shutter import shutter_of
+from ...optics.waveform import pwm
+from ...pages.drawing import colour_of
+from ..virtual_bench import Setup, best_wavelength_nm, virtual_bench
+from .chart import (
+    Chart,
+    Draw,
+    Lights,
+    Measured,
+    Setting,
+    Taken,
+    bench_of,
+    chart_shape,
+    each_filter,
+    frames_and_black,
+    one_ideal,
+    planes_of_filters,
+    take,
 )
-"""One more chart is one more file of this folder, and its place here."""
+from .light import (
+    ChartScene,
+    surrounded_scene,
+)
+from .modulation import MODULATION_CHARTS
+from .optics import (
+    bands_of_lamps,
+    even_photons,
+    levels_of_filters,
+    photons_of_shapes,
+    rendered_nm,
+)
+from .patches import PATCH_CHARTS
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+CHIPS = 16
+"""Single chips whose pictures tell how far a figure may be from that of the camera's file."""
+GREY_BRIGHTEST, LED_BRIGHTEST = 0.8, 0.6
+"""Light over saturation, behind the filter that sees most."""
+GREY_SPP = 128
+GREY_DEG, GREY_PX = 40.0, 256
+"""Field of view across the sensor (a lens prescription has its own), and most columns of a frame."""
+LED_HZ, LED_DUTY, LED_PX, LED_FRAMES = 90.0, 0.25, 32, 32
+"""A lamp of a car: pulse frequency, bright share of the time, side behind each place of the mosaic, frames."""
+LED_STEP = (5**0.5 - 1) / 2
+"""Periods from a frame to the next: the golden ratio, whose multiples lie nowhere close together."""
+EMVA_SIDE = 384
+"""Of the middle of the sensor that is measured: standard deviations are within 0.2 %, of each filter within 0.4 %."""
+EMVA_DRAWN = (
+    "Photon transfer, logarithmic",
+    "Signal-to-noise ratio, logarithmic",
+    "Linearity",
+    "Non-uniformity",
+    "Dark current",
+)
+"""Plots on the sheet; `characterize` draws all."""
+
+
+# An even grey surface all around, and a flickering lamp
+
+
+def grey_shape(camera: Camera) -> tuple[int, int]:
+    """Rows and columns of the frames, whole tiles and of the proportions of the sensor."""
+    sensor, tile = camera.sensor, (len(camera.tile), len(camera.tile[0]))
+    columns = min(GREY_PX, sensor.columns) // tile[1] * tile[1]
+    rows = round(sensor.rows * columns / sensor.columns)
+    return max(rows // tile[0], 1) * tile[0], columns
+
+
+def grey_scenes(camera: Camera) -> list[ChartScene]:
+    """One for each lamp, seen by the whole sensor; without dispersion the light of all lamps has one shape."""
+    shape = grey_shape(camera)
+    text, pixels = surrounded_scene(shape, GREY_DEG), camera.sensor.columns / shape[1]
+    lamps = rendered_nm(camera, not camera.lens.dispersion)
+    return [ChartScene(f"grey-{nm:g}", text, GREY_SPP, nm, pixels=pixels) for nm in lamps]
+
+
+def grey_frames(setting: Setting, lights: Lights) -> Taken:
+    """Frames of the surface and dark ones. Single chips differ by the PRNU of their columns."""
+    camera = setting.camera
+    shapes = [light.data / np.quantile(light.data, 0.99) for light in lights]
+    photons = photons_of_shapes(camera, shapes, GREY_BRIGHTEST)
+    bench = bench_of(setting, photons, bands_of_lamps(camera), "grey", (16, 16))
+    ideal, chips = _illumination(camera), list[Float64Array]()
+    if ideal is not None and camera.readout.prnu_col:
+        gains = np.random.default_rng(1).normal(size=(CHIPS, 1, 1, ideal.shape[1]))
+        chips = list(ideal * (1 + camera.readout.prnu_col * gains))
+    return Taken(bench, ideal=one_ideal(ideal), chips=chips)
+
+
+def _illumination(camera: Camera) -> Float64Array | None:
+    """Relative illumination at the middles of the pixels (H, W): cos⁴, or as measured; None without a closed form."""
+    lens = camera.lens
+    unknown = (lens.prescription, lens.half_pupil, lens.distortion, lens.distortion_percent)
+    angular = camera.pixel.angular_response
+    if lens.veiling_glare or any(one is not None for one in (*unknown, angular)):
+        return None
+    rows, columns = grey_shape(camera)
+    y, x = (np.arange(count) + 0.5 - count / 2 for count in (rows, columns))
+    half_widths = np.hypot(x, y[:, None]) / (columns / 2)
+    if lens.relative_illumination is not None:
+        half_mm = camera.sensor.columns * camera.pixel.pitch_x_um * 1e-3 / 2
+        heights_mm = lens.relative_illumination_heights_mm or ()
+        return np.asarray(
+            np.interp(half_widths * half_mm, heights_mm, lens.relative_illumination)
+        )
+    tangents = half_widths * math.tan(math.radians(GREY_DEG / 2))
+    return np.asarray((1 + tangents**2) ** -2)
+
+
+def grey_instrument(taken: Taken) -> list[Measured]:
+    """Relative illumination and colour shading, of all filters together."""
+    try:
+        planes = planes_of_filters(taken.bench)
+        found = flat_field(np.stack(list(planes.values()), axis=2))
+    except InputError as error:
+        return [Measured("", (), refused=(str(error),))]
+    names, figures = list(planes), list(found.quantities)
+    if len(names) > 1:
+        number = [int(one.symbol.rpartition("_")[2]) for one in figures]
+        figures = [
+            one.noted(f"channel {n} is {names[n]}")
+            for one, n in zip(figures, number, strict=True)
+        ]
+    draw = partial(_draw_channels, names, found.plot)
+    return [Measured("", figures, {"Relative illumination versus image height": draw})]
+
+
+def _draw_channels(names: Sequence[str], draw: Draw, ax: Axes) -> None:
+    """Curves of channels in the colours and with the names of their filters."""
+    if len(names) > 1:
+        ax.set_prop_cycle(color=[colour_of(name, n) for n, name in enumerate(names)])
+    before = len(ax.lines)
+    draw(ax)
+    for one, name in zip(ax.lines[before:], names, strict=False):
+        one.set_label(name or "measured")
+
+
+def led_frames(setting: Setting, lights: Lights) -> Taken:
+    """Frames of the lamp, whose light is even and exactly known, one after the other, and dark ones.
+
+    Single frames differ by noise of rows and columns.
+    """
+    camera, lamp = setting.camera, pwm(LED_HZ, LED_DUTY)
+    bands, shape = bands_of_lamps(camera), chart_shape(camera, LED_PX, LED_PX)
+    begins_s = [number * LED_STEP / LED_HZ for number in range(LED_FRAMES)]
+    shutters = [shutter_of(camera, setting.exposure, begin_s) for begin_s in begins_s]
+    weights = np.array([lamp.weights(shutter, (0, shape[0])) for shutter in shutters])
+    weights = np.broadcast_to((weights / weights.max())[..., None], (LED_FRAMES, *shape))
+    full = even_photons(camera, LED_BRIGHTEST)
+    pictures = [
+        take(setting, one[..., None] * full, bands, 1, f"led {number}")
+        for number, one in enumerate(weights)
+    ]
+    frames = np.concatenate([picture.frames for picture in pictures])
+    dark = take(setting, np.zeros((*shape, full.size)), bands, 16, "led dark")
+    bench = Bench((), (dark,), (), (replace(pictures[0], frames=frames),))
+    levels = levels_of_filters(camera, full, bands)[camera.filter_index(shape)]
+    readout, gain = camera.readout, camera.system_gain_dn_per_e
+    ideal, generator = gain * weights * levels, np.random.default_rng(1)
+    chips = list[Float64Array]()
+    if readout.row_noise_e or readout.column_noise_e:
+        for _ in range(CHIPS):
+            rows = readout.row_noise_e * generator.normal(size=(LED_FRAMES, shape[0], 1))
+            columns = readout.column_noise_e * generator.normal(size=(LED_FRAMES, 1, shape[1]))
+            chips.append(ideal + gain * (rows + columns))
+    return Taken(bench, ideal=ideal, chips=chips)
+
+
+def led_instrument(taken: Taken) -> list[Measured]:
+    """Flicker modulation and its mitigation."""
+
+    def measure(bench: Bench, _: object) -> tuple[list[Quantity], dict[str, Draw]]:
+        lamp, black = frames_and_black(bench.scenes, bench)
+        found = flicker(lamp.frames - black)
+        return [found.modulation, found.mitigation], {"Flicker": found.plot}
+
+    return each_filter(taken, measure)
+
+
+# EMVA 1288
+
+
+def emva_frames(setting: Setting, lights: Lights) -> Taken:
+    """The frames of ``characterize``, of a smaller part of the sensor."""
+    wavelength_nm, kelvin = best_wavelength_nm(setting.camera), setting.temperature_k
+    setup = Setup(kelvin, wavelength_nm, setting.serial, setting.seed, EMVA_SIDE)
+    bench = virtual_bench(setting.camera, setup)
+    named = bench.change(lambda stacks: [replace(one, gain=setting.gain) for one in stacks])
+    return Taken(named)
+
+
+def emva_instrument(taken: Taken) -> list[Measured]:
+    """All instruments of the laboratory."""
+    measured = []
+    for found in measure_bench(taken.bench):
+        refused = [f"{title}: {sentence}" for title, sentence in found.refused.items()]
+        drawings = {one: found.drawings[one] for one in EMVA_DRAWN if one in found.drawings}
+        figures = tuple(found.figures.values())
+        measured.append(Measured(found.filter_name, figures, drawings, refused))
+    return measured
+
+
+def _no_scene(camera: Camera) -> list[ChartScene]:
+    """None: even light needs no render."""
+    return []
+
+
+CHARTS = (
+    Chart(
+        "emva",
+        "emva",
+        "EMVA 1288: noise, sensitivity, non-uniformity, dark current",
+        _no_scene,
+        emva_frames,
+        emva_instrument,
+        closed_form=True,
+    ),
+    *MODULATION_CHARTS,
+    *PATCH_CHARTS,
+    Chart(
+        "grey",
+        "grey",
+        "Grey surface: relative illumination and colour shading",
+        grey_scenes,
+        grey_frames,
+        grey_instrument,
+    ),
+    Chart(
+        "led",
+        "led",
+        "Flickering lamp: flicker modulation and its mitigation",
+        _no_scene,
+        led_frames,
+        led_instrument,
+    ),
+)
+"""In the order of the page."""
 
 
 def chosen_charts(names: Sequence[str]) -> list[Chart]:
-    """The charts of these names, or of these kinds; all where none is given. Raises InputError for another name."""
+    """The charts of these names or kinds, or all if none is given. Raises InputError for another name."""
     known = list(dict.fromkeys(name for chart in CHARTS for name in (chart.kind, chart.name)))
     for name in names:
         if name not in known:

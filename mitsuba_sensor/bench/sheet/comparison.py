@@ -1,143 +1,168 @@
-"""Two sheets side by side: figures of the same chart, filter and setting, and how far they are apart."""
+"""Two sheets side by side: one table of figures of the same chart, filter and setting, and what is not compared."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from ...core import InputError
 from ...files.texts import Facts, read_json
-from ...lab.quantity import TWO_SIDED
-from ...pages.page import Bars, MarkedRow, Part, Section, Study, study_of, table
+from ...lab.quantity import Quantity
+from ...pages.page import Dots, MarkedRow, Section, Study, study_of, table
 
 SHEET = "sheet.json"
 REMEDY = "give a folder that `mitsuba-sensor sheet` wrote, or the name of a camera"
-Place = tuple[str, str, str, int, float | None]
-"""Chart, filter, symbol, number of the gain setting, temperature [K]."""
-HEADINGS = (
-    "symbol | figure | filter | setting | {} | ± | {} | ± | unit | ratio | z of the difference"
-)
-SHOWN = (
-    "K",
-    "σ_d",
-    "DR",
-    "PRNU1288",
-    "DSNU1288",
-    "µ_I.mean",
-    "MTF50",
-    "MTF(0.25)",
-    "S_sat",
-    "SNR_max",
-)
-"""Figures whose ratios are drawn."""
+COLUMNS = {"chart", "filter", "symbol", "name", "unit", "gain", "temperature_k", "value"}
+COLUMNS |= {"low", "high", "mark"}
 CLEAR = 3.0
-"""Standard errors from which on a difference is said."""
+"""Standard errors from which on a difference is counted."""
+DRAWN_MAX = 40
+"""Most ratios of a picture."""
+RENDER_NOISE = "ε_render"
+"""The renderer's noise, which is no figure of a camera."""
 
 
-def read_sheet(path: Path) -> list[Facts]:
-    """The rows of a sheet on disk.  path : its folder, or sheet.json. Raises InputError for another file."""
+class Sheet(NamedTuple):
+    """The rows of a sheet and its camera's name."""
+
+    name: str
+    rows: Sequence[Facts]
+
+    @property
+    def figures(self) -> list[Facts]:
+        """Rows with a value that belongs to the camera."""
+        own = (row for row in self.rows if row["symbol"] != RENDER_NOISE)
+        return [row for row in own if row["value"] is not None]
+
+
+def read_sheet(path: Path) -> Sheet:
+    """A sheet on disk.  path : its folder, or sheet.json.  Raises InputError for another file."""
     file = path / SHEET if path.is_dir() else path
-    rows = read_json(file, REMEDY).get("rows")
-    if not isinstance(rows, list) or not all(map(_is_row, rows)):
+    found = read_json(file, REMEDY)
+    rows = found.get("rows")
+    if not isinstance(rows, list) or not all(
+        isinstance(row, dict) and set(row) >= COLUMNS for row in rows
+    ):
         raise InputError(f"{file} is no sheet of a camera; {REMEDY}.")
-    return rows
+    return Sheet(str(found.get("camera") or path.resolve().name), rows)
 
 
-def _is_row(row: object) -> bool:
-    needed = {"chart", "filter", "symbol", "name", "unit", "gain", "temperature_k", "value"}
-    return isinstance(row, dict) and needed | {"low", "high"} <= set(row)
+def compared(first: Sheet, second: Sheet) -> Study:
+    """The page of two sheets; it has passed if neither sheet has a row that is not what theory says.
 
-
-def compared(names: tuple[str, str], sheets: tuple[Sequence[Facts], Sequence[Facts]]) -> Study:
-    """The page of two sheets.
-
-    Gain settings of equal names belong together; where no name is in both, those of the same number in each.
-    Raises InputError where no figure is in both.
+    Raises InputError if no figure is in both.
     """
-    pairs = list(_pairs(*sheets))
+    names = (first.name, second.name)
+    if names[0] == names[1]:
+        names = f"{names[0]} (A)", f"{names[1]} (B)"
+    pairs = list(_pairs(first.figures, second.figures))
     if not pairs:
         raise InputError(
             f"{names[0]} and {names[1]} have no figure in common; make both sheets with the same charts, --gains and "
             "--temperatures."
         )
-    charts = dict.fromkeys(first["chart"] for first, _ in pairs)
-    sections = [
-        _section(names, [pair for pair in pairs if pair[0]["chart"] == chart])
-        for chart in charts
+    lines = [_values(*pair) for pair in pairs]
+    apart = sum(abs(one["z"] or 0.0) > CLEAR for one in lines)
+    findings = [
+        f"{apart} of {len(lines)} figures differ by more than {CLEAR:g} standard errors"
     ]
-    rows = [_values(pair) for pair in pairs]
+    failed, left = list[str](), list[MarkedRow]()
+    for name, sheet, used in zip(names, (first, second), zip(*pairs, strict=True), strict=True):
+        bad = [row for row in sheet.rows if row["mark"] == "bad"]
+        if bad:
+            findings.append(f"{name} has {len(bad)} figures that are not what theory says")
+        failed += dict.fromkeys(f"{name}: {row['chart']} {row['symbol']}" for row in bad)
+        left += [("", (name, *one)) for one in _left_out(sheet.figures, used)]
+    if left:
+        findings.append("not compared: what only one sheet has, see the last table")
+    both = f"{names[0]} | ± | {names[1]} | ±"
+    shown = table(
+        "Both cameras",
+        f"chart | symbol | figure | filter | setting | {both} | unit | ratio | from | to | z",
+        map(_cells, lines),
+        "± is half the 95 % interval; ratio with its 95 % interval; z: difference in standard errors.",
+    )
+    rest = table("Not compared", "camera | chart | figures | symbols", left)
+    parts = (_ratios(f"{names[1]} over {names[0]}", lines), shown, rest)
+    section = Section(tuple(findings), not failed, parts, failed=tuple(failed))
     title = f"Image quality of {names[0]} and {names[1]}"
-    return study_of("sheet comparison", title, sections, rows=rows)
+    return study_of("sheet comparison", title, [section], checked=False, rows=lines)
 
 
 def _pairs(first: Sequence[Facts], second: Sequence[Facts]) -> Iterator[tuple[Facts, Facts]]:
-    """Figures of both sheets that belong together, in the order of the first."""
-    gains = [list(dict.fromkeys(str(row["gain"]) for row in rows)) for rows in (first, second)]
+    """Figures of both sheets that belong together; a monochrome camera's with those of each filter.
+
+    Gain settings of equal names belong together; if no name is in both, those of the same number in each.
+    """
+    gains = [list(dict.fromkeys(row["gain"] for row in rows)) for rows in (first, second)]
     if set(gains[0]) & set(gains[1]):
-        shared = list(dict.fromkeys(gains[0] + gains[1]))
-        gains = [shared, shared]
-    others = {_place(row, gains[1]): row for row in second}
+        gains = [list(dict.fromkeys(gains[0] + gains[1]))] * 2
+
+    def place(row: Facts, number: int) -> tuple[object, ...]:
+        gain = gains[number].index(row["gain"])
+        return row["chart"], row["symbol"], gain, row["temperature_k"]
+
     for row in first:
-        other = others.get(_place(row, gains[0]))
-        if other is not None and row["value"] is not None and other["value"] is not None:
-            yield row, other
+        for other in second:
+            filters = {row["filter"], other["filter"]}
+            if place(row, 0) == place(other, 1) and (len(filters) == 1 or "" in filters):
+                yield row, other
 
 
-def _place(row: Facts, gains: Sequence[str]) -> Place:
-    number = gains.index(str(row["gain"]))
-    return row["chart"], row["filter"], row["symbol"], number, row["temperature_k"]
+def _left_out(rows: Sequence[Facts], used: Sequence[Facts]) -> Iterator[tuple[str, int, str]]:
+    """Chart, number and symbols of the figures that have no partner."""
+    left: dict[str, list[str]] = {}
+    for row in rows:
+        if not any(row is one for one in used):
+            name = f"{row['symbol']} {row['filter']}".strip()
+            left.setdefault(row["chart"], []).append(name)
+    for chart, symbols in left.items():
+        yield chart, len(symbols), ", ".join(dict.fromkeys(symbols))
 
 
-def _values(pair: tuple[Facts, Facts]) -> Facts:
+def _quantity(row: Facts) -> Quantity:
+    return Quantity("", "", row["value"], row["low"], row["high"], row["unit"], "")
+
+
+def _values(first: Facts, second: Facts) -> Facts:
     """One line of the comparison."""
-    first, second = pair
-    shared = ("chart", "filter", "symbol", "name", "unit", "temperature_k")
-    values = {name: first[name] for name in shared}
-    for number, row in enumerate(pair):
-        letter = "ab"[number]
+    values = {
+        name: first[name] for name in ("chart", "symbol", "name", "unit", "temperature_k")
+    }
+    names = dict.fromkeys(row["filter"] or "all" for row in (first, second))
+    values["filter"] = "" if list(names) == ["all"] else " / ".join(names)
+    for letter, row in zip("ab", (first, second), strict=True):
         values |= {f"{name}_{letter}": row[name] for name in ("gain", "value", "low", "high")}
-    ratio = second["value"] / first["value"] if first["value"] else None
-    return values | {"ratio": ratio, "z": _distance(first, second)}
+    one, other = _quantity(first), _quantity(second)
+    if one.low > 0:
+        ratio = other.divided(one, "")
+        values |= {"ratio": ratio.value, "ratio_low": ratio.low, "ratio_high": ratio.high}
+    error = math.hypot(one.standard_error, other.standard_error)
+    none = dict.fromkeys(("ratio", "ratio_low", "ratio_high"))
+    return none | values | {"z": (other.value - one.value) / error if error else None}
 
 
-def _half(row: Facts) -> float:
-    return 0.5 * float(row["high"] - row["low"])
-
-
-def _distance(first: Facts, second: Facts) -> float | None:
-    """Difference over its standard error; None where neither figure has one."""
-    error = math.hypot(_half(first), _half(second)) / TWO_SIDED
-    if not error:
-        return None
-    return float((second["value"] - first["value"]) / error)
-
-
-def _section(names: tuple[str, str], pairs: Sequence[tuple[Facts, Facts]]) -> Section:
-    """One chart of both."""
-    lines = [_values(pair) for pair in pairs]
-    apart = [line for line in lines if line["z"] is not None and abs(line["z"]) > CLEAR]
-    chart = lines[0]["chart"]
-    finding = f"{chart}: {len(apart)} of {len(lines)} figures differ by more than {CLEAR:g} standard errors"
-    rows: list[MarkedRow] = [("", _cells(pair)) for pair in pairs]
-    parts: list[Part] = [table(chart, HEADINGS.format(*names), rows)]
-    drawn = [line for line in lines if line["symbol"] in SHOWN and line["ratio"]]
-    if drawn:
-        labels = tuple(" ".join(filter(None, (x["symbol"], x["filter"]))) for x in drawn)
-        ratios = {f"{names[1]} over {names[0]}": [x["ratio"] for x in drawn]}
-        parts.append(
-            Bars(f"{chart}: ratios", "ratio", labels, ratios, log_x=True, level=(1, ""))
-        )
-    return Section((finding,), True, tuple(parts))
-
-
-def _cells(pair: tuple[Facts, Facts]) -> tuple[object, ...]:
+def _cells(line: Facts) -> MarkedRow:
     """A line of the table."""
-    first, second = pair
-    values = _values(pair)
-    kelvin = first["temperature_k"]
-    gains = " / ".join(dict.fromkeys(filter(None, (first["gain"], second["gain"]))))
-    setting = ", ".join(filter(None, (gains, "" if kelvin is None else f"{kelvin:g} K")))
-    numbers = (first["value"], _half(first), second["value"], _half(second))
-    shown = (first["symbol"], first["name"], first["filter"], setting, *numbers)
-    return (*shown, first["unit"], values["ratio"], values["z"])
+    kelvin, gains = line["temperature_k"], dict.fromkeys((line["gain_a"], line["gain_b"]))
+    temperature = "" if kelvin is None else f"{kelvin:g} K"
+    setting = ", ".join(filter(None, (*gains, temperature)))
+    halves = ((line[f"high_{one}"] - line[f"low_{one}"]) / 2 for one in "ab")
+    pairs = zip((line["value_a"], line["value_b"]), halves, strict=True)
+    what = (line["chart"], line["symbol"], line["name"], line["filter"], setting)
+    ratio = (line["ratio"], line["ratio_low"], line["ratio_high"], line["z"])
+    return "", (*what, *(x for pair in pairs for x in pair), line["unit"], *ratio)
+
+
+def _ratios(name: str, lines: Sequence[Facts]) -> Dots:
+    """Ratios of the figures about a line at 1, those that are known best."""
+    known = [one for one in lines if one["ratio"] is not None and one["ratio_low"] > 0]
+    best = sorted(known, key=lambda one: one["ratio_high"] / one["ratio_low"])[:DRAWN_MAX]
+    shown = [one for one in known if one in best]
+    labels = tuple(f"{one['symbol']} {one['filter']} ({one['chart']})" for one in shown)
+    values = [(one["ratio"], one["ratio_low"], one["ratio_high"]) for one in shown]
+    note = f"Bars are 95 % intervals; {len(shown)} of {len(known)} ratios are shown, those with the narrowest."
+    level = 1.0, "equal"
+    return Dots("Ratios of the figures", "ratio", labels, {name: values}, level, True, note)

@@ -1,7 +1,7 @@
-"""Charts of even patches in rows and columns: their light in a small render, and their places in the frames.
+"""Charts of patches: a step chart and a ColorChecker.
 
-The mean of a patch in the render is the light of a larger one in the frames: render noise is in the levels of patches,
-and none in the noise of their pixels.
+A patch has the mean light of a smaller one in the render, so render noise is in the levels of the patches and not in
+the noise of their pixels.
 """
 
 from __future__ import annotations
@@ -18,17 +18,39 @@ from ...core.types import Float64Array
 from ...files.texts import Facts
 from ...lab.frames.bench import Bench
 from ...lab.frames.manifest import is_number
+from ...lab.measure.colour_and_geometry.colour_chart import colour_chart
 from ...lab.measure.image_quality.patches import Region
-from .light import ChartLight
-from .setting import Bands, Setting, chart_shape, levels_of_filters, take
+from ...lab.measure.image_quality.step_chart import step_chart
+from ...lab.quantity import Quantity
+from ...optics.spectra import luminous
+from .chart import (
+    Chart,
+    Draw,
+    Lights,
+    Measured,
+    Setting,
+    Taken,
+    bench_of,
+    chart_shape,
+    each_filter,
+    frames_and_black,
+    planes_of_filters,
+    step_of,
+)
+from .light import DAYLIGHT, Bands, ChartLight, ChartScene, emitter_rectangle, telecentric_scene
+from .optics import coupling_of, levels_of_filters
+
+STEPS, STEPS_BRIGHTEST = np.concatenate([[0.0], np.geomspace(0.002, 1.0, 15)]), 0.9
+"""Reflectances of the step chart, and light of its brightest patch over saturation."""
+COLOURS_BRIGHTEST, PATCH_SPP = 0.8, 64
+"""Light of the brightest patch over saturation, and samples of the renders."""
 
 
 class PatchGrid(NamedTuple):
     """Patches of equal size.
 
-    rows, columns : of patches.
-    rendered_px : side of one in the render.  margin_px : what of it on each side may be frame, or blurred by the lens.
-    patch_px : side of one in the frames, behind each place of the mosaic.
+    rows, columns : of patches.  rendered_px : side of one in the render.
+    margin_px : what of it on each side may be frame, or blurred by the lens.  patch_px : side of one in the frames.
     """
 
     rows: int
@@ -47,10 +69,10 @@ class PatchGrid(NamedTuple):
     def side(self, camera: Camera) -> tuple[int, int]:
         """Rows and columns of a patch in the frames, whole tiles of the mosaic."""
         shape = chart_shape(camera, self.rows * self.patch_px, self.columns * self.patch_px)
-        rows, columns = len(camera.tile), len(camera.tile[0])
+        tile = len(camera.tile), len(camera.tile[0])
         return (
-            shape[0] // self.rows // rows * rows,
-            shape[1] // self.columns // columns * columns,
+            shape[0] // self.rows // tile[0] * tile[0],
+            shape[1] // self.columns // tile[1] * tile[1],
         )
 
     def regions(self, camera: Camera) -> list[list[int]]:
@@ -59,50 +81,24 @@ class PatchGrid(NamedTuple):
         places = np.ndindex(self.rows, self.columns)
         return [[row * rows, column * columns, rows, columns] for row, column in places]
 
-    def take(
-        self,
-        setting: Setting,
-        patches: Float64Array,
-        bands: Bands,
-        name: str,
-        counts: tuple[int, int],
-    ) -> Bench:
-        """Frames of the chart and dark ones.
-
-        patches : mean photons per pixel of each, (P, B).  counts : of frames, and of dark ones.
-        """
-        rows, columns = self.side(setting.camera)
+    def spread(self, camera: Camera, patches: Float64Array) -> Float64Array:
+        """Values of patches (P, …) on the pixels of the frames, (H, W, …)."""
+        rows, columns = self.side(camera)
         grid = patches.reshape(self.rows, self.columns, -1)
-        photons = grid.repeat(rows, axis=0).repeat(columns, axis=1)
-        scene = take(setting, photons, bands, counts[0], name)
-        dark = take(setting, 0 * photons, bands, counts[1], f"{name} dark")
-        return Bench((), (dark,), (), (scene,))
+        return grid.repeat(rows, axis=0).repeat(columns, axis=1)
 
 
-def scaled_to_saturation(
-    camera: Camera, photons: Float64Array, bands: Bands, share: float
-) -> Float64Array:
+STEPS_GRID, COLOURS_GRID = PatchGrid(4, 4, 12, 3, 40), PatchGrid(4, 6, 16, 4, 24)
+
+
+def scaled(camera: Camera, photons: Float64Array, bands: Bands, share: float) -> Float64Array:
     """Photons (P, B), scaled: the brightest patch has this share of saturation behind the filter that sees most."""
     most_e = levels_of_filters(camera, photons, bands).max()
     return np.asarray(photons * (share * saturation_e(camera) / most_e))
 
 
-class Patches(NamedTuple):
-    """Where the patches are (first row, first column, rows, columns), and the exposure of each [lx s]."""
-
-    regions: Sequence[Region]
-    exposures_lxs: Sequence[float]
-
-    def behind_one_filter(self, step: tuple[int, int]) -> list[Region]:
-        """The regions in the plane of one place of the mosaic.  step : distance of its pixels, down and across."""
-        return [
-            (top // step[0], left // step[1], rows // step[0], columns // step[1])
-            for top, left, rows, columns in self.regions
-        ]
-
-
-def patches_of(facts: Facts) -> Patches:
-    """The patches that ``chart.toml`` names. Raises InputError where it does not, and for wrong values."""
+def patches_of(facts: Facts) -> tuple[list[Region], list[float]]:
+    """Places and exposures [lx s] of the patches that ``chart.toml`` names. Raises InputError if it does not."""
     regions, exposures = (facts.get(name) for name in ("patches", "exposure_lxs"))
     are_regions = isinstance(regions, list) and all(map(_is_region, regions))
     are_exposures = isinstance(exposures, list) and all(map(is_number, exposures))
@@ -110,13 +106,130 @@ def patches_of(facts: Facts) -> Patches:
         raise InputError(
             "chart.toml of a chart of patches has patches = [[first row, first column, rows, columns], …] and "
             "exposure_lxs = […], the illuminance at the focal plane times the exposure time of each patch; "
-            "docs/sheet.md shows one."
+            "docs/image-quality.md shows one."
         )
-    return Patches([tuple(region) for region in regions or ()], exposures or ())
+    return [tuple(region) for region in regions or ()], exposures or []
 
 
 def _is_region(value: object) -> bool:
-    """Whether a value is four whole numbers of at least 0."""
-    if not isinstance(value, list) or len(value) != 4:
-        return False
-    return all(type(number) is int and number >= 0 for number in value)
+    """Return True for four whole numbers of at least 0."""
+    is_four = isinstance(value, list) and len(value) == 4
+    return is_four and all(type(number) is int and number >= 0 for number in value)
+
+
+def behind_one_filter(regions: Sequence[Region], step: tuple[int, int]) -> list[Region]:
+    """The regions in the plane of one place of the mosaic."""
+    return [
+        (top // step[0], left // step[1], rows // step[0], columns // step[1])
+        for top, left, rows, columns in regions
+    ]
+
+
+def steps_scenes(camera: Camera) -> list[ChartScene]:
+    """Sixteen grey patches in daylight, in rows from the darkest to the brightest."""
+    side, patches = STEPS_GRID.rendered_px, []
+    half, reach = side / 2, STEPS_GRID.rows * side / 2
+    for number, reflectance in enumerate(STEPS):
+        row, column = divmod(number, STEPS_GRID.columns)
+        middle = column * side + half - reach, reach - row * side - half
+        if reflectance > 0:
+            patches.append(emitter_rectangle(middle, (half, half), 0.0, reflectance, DAYLIGHT))
+    shape = STEPS_GRID.rows * side, STEPS_GRID.columns * side
+    return [ChartScene("steps", telecentric_scene(shape, patches), PATCH_SPP)]
+
+
+def steps_light(setting: Setting, light: ChartLight) -> tuple[Float64Array, Float64Array]:
+    """Mean photons per pixel of every patch, (P, B), and its exposure, (P,) [lx s].
+
+    All patches have the spectrum of the lamp, which is the mean of theirs.
+    """
+    means = STEPS_GRID.irradiance(light)
+    levels = means @ light.bands.bandwidths_nm
+    irradiance = levels[:, None] * means.sum(axis=0) / levels.sum()
+    photons = light.photons(setting.camera, setting.exposure, irradiance)
+    own = scaled(setting.camera, photons, light.bands, STEPS_BRIGHTEST)
+    lux = np.array([luminous(light.bands.wavelengths_nm, spectrum) for spectrum in irradiance])
+    return own, lux * own[-1].sum() / photons[-1].sum() * setting.exposure.time_s
+
+
+def steps_frames(setting: Setting, lights: Lights) -> Taken:
+    """Frames of the chart and dark ones."""
+    photons, exposures = steps_light(setting, lights[0])
+    shown_light = STEPS_GRID.spread(setting.camera, photons)
+    bench = bench_of(setting, shown_light, lights[0].bands, "steps", (8, 8))
+    regions = STEPS_GRID.regions(setting.camera)
+    return Taken(bench, {"patches": regions, "exposure_lxs": exposures.tolist()})
+
+
+def steps_instrument(taken: Taken) -> list[Measured]:
+    """Response, speeds and dynamic range."""
+    (regions, exposures), step = patches_of(taken.facts), step_of(taken.bench)
+
+    def measure(bench: Bench, _: object) -> tuple[Sequence[Quantity], dict[str, Draw]]:
+        frames, black = frames_and_black(bench.scenes, bench)
+        own = behind_one_filter(regions, step)
+        chart = step_chart(frames, own, exposures, black_dn=black)
+        drawings = {"Response (OECF)": chart.plot, "Signal-to-noise ratio": chart.plot_snr}
+        return chart.quantities, drawings
+
+    return each_filter(taken, measure)
+
+
+def colours_scenes(camera: Camera) -> list[ChartScene]:
+    """The scene that ships with the package, small."""
+    width = COLOURS_GRID.columns * COLOURS_GRID.rendered_px
+    return [ChartScene("colours", "color_checker", PATCH_SPP, width=width)]
+
+
+def colours_frames(setting: Setting, lights: Lights) -> Taken:
+    """Frames of the chart and dark ones."""
+    camera, (light,) = setting.camera, lights
+    photons = light.photons(camera, setting.exposure, COLOURS_GRID.irradiance(light))
+    patches = scaled(camera, photons, light.bands, COLOURS_BRIGHTEST)
+    shown_light = COLOURS_GRID.spread(camera, patches)
+    bench = bench_of(setting, shown_light, light.bands, "colours", (4, 8))
+    ideal = None
+    if coupling_of(camera) == ():
+        levels = COLOURS_GRID.spread(camera, levels_of_filters(camera, patches, light.bands))
+        index = camera.filter_index(levels.shape[:2])
+        ideal = np.take_along_axis(levels, index[..., None], axis=2)[None, ..., 0]
+    regions = COLOURS_GRID.regions(camera)
+    return Taken(bench, {"patches": regions, "exposure_lxs": [0.0] * len(regions)}, ideal)
+
+
+def colours_instrument(taken: Taken) -> list[Measured]:
+    """Colour differences through the best matrix, of all filters together."""
+    regions = behind_one_filter(patches_of(taken.facts)[0], step_of(taken.bench))
+    try:
+        planes = planes_of_filters(taken.bench)
+        if len(planes) < 3:
+            raise InputError(
+                f"the frames have {len(planes)} colour filter(s); a colour matrix needs 3: give the tile in bench.toml."
+            )
+        chart = colour_chart(np.stack(list(planes.values()), axis=2), regions)
+    except InputError as error:
+        return [Measured("", (), refused=(str(error),))]
+    return [Measured("", chart.quantities, {"Colours in CIELAB": chart.plot})]
+
+
+PATCH_CHARTS = (
+    Chart(
+        "steps",
+        "steps",
+        "Step chart: response, speed, noise, dynamic range",
+        steps_scenes,
+        steps_frames,
+        steps_instrument,
+        closed_form=True,
+    ),
+    Chart(
+        "colours",
+        "colours",
+        "ColorChecker: colour differences and white balance",
+        colours_scenes,
+        colours_frames,
+        colours_instrument,
+        filters=3,
+        drawn=False,
+    ),
+)

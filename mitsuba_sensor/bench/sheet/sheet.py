@@ -1,40 +1,43 @@
-"""The sheet of a camera: every chart at every gain and temperature, as rows with theory beside."""
+"""The sheet of a camera: one loop over charts and settings, whose rows are figures with theory beside."""
 
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
+
+import numpy as np
 
 from ...camera.camera import Camera
 from ...camera.figures import refuse_readouts
-from ...core import InputError
+from ...core import InputError, nearest
 from ...core.types import Float64Array
-from ...files.texts import Facts
+from ...files.texts import Facts, read_toml
+from ...lab.frames.bench import Bench, read_bench
 from ...lab.quantity import Quantity, no_value
-from ..datasheet import Said
+from ..datasheet import SIGMAS, Said
 from ..figures_page import beside_datasheet
-from .chart import Chart, Lights, Measured, Taken, Theory
+from .chart import Chart, Draw, Lights, Measured, Setting, Taken
+from .charts import CHARTS
+from .closed_forms import Theory, closed_form, theory_of_bench
 from .light import light_of
-from .setting import Setting
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Report = Callable[[int, int, str], None]
 RENDER_NOISE = no_value(
     "ε_render", "render noise of the light, over the brightest", "%", "mitsuba-sensor"
 )
+FACTS = "chart.toml"
 
 
 @dataclass(frozen=True)
 class Row:
     """One figure of the sheet.
 
-    chart : name of the chart.  filter_name : of the colour filter, or nothing.  gain, temperature_k : of the setting.
-    quantity : as it was measured.  said : what theory says of it, and the range of single chips, or None.
+    chart : its name.  filter_name : of the colour filter, or empty.  gain, temperature_k : of the setting.
+    said : theory, and the range of single chips, or None.
     """
 
     chart: str
@@ -46,24 +49,17 @@ class Row:
 
     @property
     def beside(self) -> Mapping[str, float]:
-        """Theory and distances from it, empty where there is none or nothing was measured."""
+        """Theory and distances from it; empty if there is none or nothing was measured."""
         if self.said is None or not math.isfinite(self.quantity.value):
             return {}
         return beside_datasheet(self.quantity, {self.quantity.symbol: self.said})
 
     def to_dict(self) -> Facts:
-        """Plain values of one line of sheet.json and sheet.csv; None where there is no number."""
-        quantity, beside = self.quantity, self.beside
-        numbers = {
-            "value": quantity.value,
-            "low": quantity.low,
-            "high": quantity.high,
-            "theory": math.nan if self.said is None else self.said.value,
-            "theory_low": math.nan if self.said is None else self.said.low,
-            "theory_high": math.nan if self.said is None else self.said.high,
-            "z": beside.get("z", math.nan),
-            "z_of_chip": beside.get("z_of_chip", math.nan),
-        }
+        """Plain values of one line of sheet.json and sheet.csv; None for no number."""
+        quantity, said = self.quantity, self.said or Said(*3 * (math.nan,))
+        numbers = {"value": quantity.value, "low": quantity.low, "high": quantity.high}
+        numbers |= {"theory": said.value, "theory_low": said.low, "theory_high": said.high}
+        numbers |= {name: self.beside.get(name, math.nan) for name in ("z", "z_of_chip")}
         return {
             "chart": self.chart,
             "filter": self.filter_name,
@@ -82,18 +78,42 @@ class Row:
 class ChartPart:
     """What one chart gave at one setting.
 
-    name, title : of the chart.  setting : what it is called.  rows : its figures.  drawings : by title.
-    picture : the first frame, or None.  tile : rows and columns of its colour mosaic.  refused : sentences.
+    drawings : by title, for each filter what was measured and what theory draws, or None.
+    picture : the first frame, or None.  tile : rows and columns of its mosaic.  refused : sentences.
+    at_kelvin : theory at another temperature, or None.
     """
 
     name: str
     title: str
     setting: str
     rows: Sequence[Row]
-    drawings: Mapping[str, Callable[[Axes], object]] = field(default_factory=dict)
+    drawings: Mapping[str, Sequence[tuple[str, Draw, Draw | None]]] = field(
+        default_factory=dict
+    )
     picture: Float64Array | None = None
     refused: Sequence[str] = ()
     tile: tuple[int, int] = (1, 1)
+    at_kelvin: Callable[[float], Theory] | None = None
+
+
+def settings_of(
+    camera: Camera, gains: Sequence[str], kelvins: Sequence[float], chip: tuple[int, int]
+) -> list[Setting]:
+    """Every gain ("all" for each of the camera) at every temperature.
+
+    chip : serial number, and seed of the temporal noise.  Raises InputError for gains that the camera does not have.
+    """
+    if list(gains) == ["all"]:
+        gains = [one.label for one in camera.gains]
+        if not gains:
+            raise InputError(f"{camera.name} has no gain settings; omit --gains.")
+    if len(set(gains)) < len(gains):
+        raise InputError(f"--gains names a setting twice: {', '.join(gains)}; name it once.")
+    return [
+        Setting(camera.at_gain(gain or None), gain, kelvin, *chip)
+        for gain in gains or [""]
+        for kelvin in kelvins
+    ]
 
 
 def simulated_sheet(
@@ -102,92 +122,111 @@ def simulated_sheet(
     """Every chart at every setting of a simulated camera.
 
     report : told how many steps are done, how many there are, and what is done now.
-    Raises InputError for a camera with several read-outs, and for charts that show nothing of it.
+    Raises InputError for a camera with several readouts, and for charts that show nothing of it.
     """
     refuse_readouts(camera, "a sheet has the figures of one of them")
-    charts = [chart for chart in charts if chart.suits(camera)]
+    charts = [chart for chart in charts if len(camera.filter_names) >= chart.filters]
     if not charts:
         raise InputError(
-            f"{camera.name} has one colour filter, and the chart colours needs three; take another of --charts."
+            f"{camera.name} has one colour filter, and the chart colours needs three; choose another of --charts."
         )
     scenes = [(chart, scene) for chart in charts for scene in chart.scenes(camera)]
     total = len(scenes) + len(settings) * len(charts)
-    lights: dict[str, Lights] = {chart.name: [] for chart in charts}
+    lights: dict[str, list[object]] = {chart.name: [] for chart in charts}
     for number, (chart, scene) in enumerate(scenes):
         report(number, total, f"light of {scene.name}")
-        lights[chart.name] = [*lights[chart.name], light_of(scene, camera)]
+        lights[chart.name].append(light_of(scene, camera))
     parts: list[ChartPart] = []
     for setting in settings:
         for chart in charts:
-            report(len(scenes) + len(parts), total, f"{chart.name} at {_named(setting)}")
-            parts.append(_simulated_part(chart, setting, lights[chart.name]))
+            where = named(setting.gain, setting.temperature_k)
+            report(len(scenes) + len(parts), total, f"{chart.name} at {where}")
+            parts.append(simulated_part(chart, setting, lights[chart.name]))  # type: ignore[arg-type]
     return parts
 
 
-def _simulated_part(chart: Chart, setting: Setting, lights: Lights) -> ChartPart:
-    """One chart at one setting; what the camera cannot do is said."""
+def simulated_part(chart: Chart, setting: Setting, lights: Lights) -> ChartPart:
+    """One chart at one setting. What the camera cannot do is a sentence."""
+    name, where = chart.name, named(setting.gain, setting.temperature_k)
     try:
-        taken = chart.take(setting, lights)
-        theory = chart.theory(setting, lights)
+        taken = chart.frames(setting, lights)
+        ideal = theory_of(chart, taken)
+        closed = closed_form(name, setting, lights) if chart.closed_form else {}
     except InputError as error:
-        return ChartPart(chart.name, chart.title, _named(setting), (), refused=(str(error),))
-    noise = [light.render_noise_percent for light in lights]
-    part = part_of_frames(chart, chart.name, taken, theory)
-    if not noise:
+        return ChartPart(name, chart.title, where, (), refused=(str(error),))
+    part = part_of_frames(chart, name, taken, closed or _said(chart, taken, ideal), ideal)
+    if chart.closed_form:
+        part = replace(part, at_kelvin=partial(_at_kelvin, name, setting, lights))
+    if not lights:
         return part
-    percent = max(noise)
+    percent = max(light.render_noise_percent for light in lights)
     quantity = replace(RENDER_NOISE, value=percent, low=percent, high=percent)
-    last = Row(chart.name, "", setting.gain, setting.temperature_k, quantity)
+    last = Row(name, "", setting.gain, setting.temperature_k, quantity)
     return replace(part, rows=[*part.rows, last])
 
 
-def part_of_frames(chart: Chart, name: str, taken: Taken, theory: Theory) -> ChartPart:
+def _at_kelvin(name: str, setting: Setting, lights: Lights, kelvin: float) -> Theory:
+    return closed_form(name, setting._replace(temperature_k=kelvin), lights)
+
+
+def theory_of(
+    chart: Chart, taken: Taken, pictures: Float64Array | None = None
+) -> dict[str, Measured]:
+    """What the instrument finds in the pictures without noise, by filter; empty if there are none."""
+    pictures = taken.ideal if pictures is None else pictures
+    if pictures is None:
+        return {}
+    (scene, *_), (dark, *_) = taken.bench.scenes, taken.bench.darks
+    ideal = replace(scene, frames=pictures, bits=None)
+    black = replace(dark, frames=np.zeros((1, *scene.shape)), bits=None)
+    found = chart.instrument(replace(taken, bench=Bench((), (black,), (), (ideal,))))
+    return {one.filter_name: one for one in found}
+
+
+def _said(chart: Chart, taken: Taken, ideal: Mapping[str, Measured]) -> Theory:
+    """Theory with the range in which single chips lie."""
+    chips = [theory_of(chart, taken, pictures) for pictures in taken.chips]
+    said: dict[str, dict[str, Said]] = {}
+    for name, one in ideal.items():
+        values = {figure.symbol: figure.value for figure in one.figures}
+        others = [
+            {figure.symbol: figure.value for figure in chip[name].figures} for chip in chips
+        ]
+        said[name] = {}
+        for symbol, value in values.items():
+            spread = (
+                SIGMAS * float(np.std([chip[symbol] for chip in others])) if others else 0.0
+            )
+            if math.isfinite(value):
+                said[name][symbol] = Said(value, value - spread, value + spread)
+    return said
+
+
+def part_of_frames(
+    chart: Chart, name: str, taken: Taken, theory: Theory, ideal: Mapping[str, Measured]
+) -> ChartPart:
     """What the instrument of a chart finds in frames.  name : of the chart, on the sheet."""
     first = next(iter((*taken.bench.flats, *taken.bench.scenes, *taken.bench.stacks)))
-    gain, temperature_k = first.gain, first.temperature_k
     rows: list[Row] = []
-    drawings: dict[str, Callable[[Axes], object]] = {}
+    drawings: dict[str, list[tuple[str, Draw, Draw | None]]] = {}
     refused: list[str] = []
-    for found in chart.measure(taken):
-        said = theory.get(found.filter_name.partition(" (")[0], {})
-        for quantity in found.figures:
-            theory_of = said.get(quantity.symbol)
-            rows.append(Row(name, found.filter_name, gain, temperature_k, quantity, theory_of))
-        where = _behind(found)
+    for found in chart.instrument(taken):
+        filter_name = found.filter_name
+        said = theory.get(filter_name) or theory.get(filter_name.partition(" (")[0], {})
+        rows += [
+            Row(name, filter_name, first.gain, first.temperature_k, one, said.get(one.symbol))
+            for one in found.figures
+        ]
+        drawn = ideal[filter_name].drawings if chart.drawn and filter_name in ideal else {}
         for title, draw in found.drawings.items():
-            drawings[f"{title}{where}"] = partial(_draw_both, draw, chart, said)
+            drawings.setdefault(title, []).append((filter_name, draw, drawn.get(title)))
+        where = f" (filter {filter_name})" if filter_name else ""
         refused += [f"{sentence}{where}" for sentence in found.refused]
-    pictures = (stack.frames[0] for stack in taken.bench.scenes)
     tile = first.tile or (("",),)
-    return ChartPart(
-        name,
-        chart.title,
-        named(gain, temperature_k),
-        rows,
-        drawings,
-        next(pictures, None),
-        refused,
-        (len(tile), len(tile[0])),
-    )
-
-
-def _draw_both(
-    draw: Callable[[Axes], object], chart: Chart, said: Mapping[str, Said], ax: Axes
-) -> None:
-    """What was measured, and theory on top."""
-    draw(ax)
-    chart.draw_theory(said, ax)
-
-
-def _behind(measured: Measured) -> str:
-    """Which filter, for a title."""
-    if measured.filter_name:
-        return f" behind {measured.filter_name}"
-    return ""
-
-
-def _named(setting: Setting) -> str:
-    return named(setting.gain, setting.temperature_k)
+    picture = next((stack.frames[0] for stack in taken.bench.scenes), None)
+    where = named(first.gain, first.temperature_k)
+    shape = len(tile), len(tile[0])
+    return ChartPart(name, chart.title, where, rows, drawings, picture, refused, shape)
 
 
 def named(gain: str, temperature_k: float | None) -> str:
@@ -200,3 +239,59 @@ def rows_of(parts: Sequence[ChartPart]) -> Iterator[Row]:
     """All rows, in the order of charts and settings."""
     for part in parts:
         yield from part.rows
+
+
+def sheet_of_frames(path: Path, camera: Camera | None, report: Report) -> list[ChartPart]:
+    """What the instruments find in frames of a real camera, each gain setting apart.
+
+    path : of a folder with a folder for each chart, with bench.toml and chart.toml in it.
+    camera : whose datasheet is shown next to the figures of EMVA 1288, or None.
+    Raises InputError for what cannot be read.
+    """
+    folders, parts = chart_folders(path), []
+    for number, (folder, chart) in enumerate(folders.items()):
+        report(number, len(folders), f"measuring {folder.name}")
+        bench, facts = read_bench(folder), facts_of(folder)
+        for gain in bench.gains:
+            taken = Taken(bench.at_gain(gain), facts)
+            theory: Theory = {}
+            if camera is not None and chart.kind == "emva":
+                theory = theory_of_bench(camera, taken.bench)
+            parts.append(part_of_frames(chart, folder.name, taken, theory, {}))
+    return parts
+
+
+def chart_folders(path: Path) -> dict[Path, Chart]:
+    """The folders of charts, each with the chart whose kind its name begins with. Raises InputError for none."""
+    if not path.is_dir():
+        raise InputError(
+            f"--frames {path} is no folder; give one with a folder for each chart."
+        )
+    of_kind: dict[str, Chart] = {}
+    for chart in CHARTS:
+        of_kind.setdefault(chart.kind, chart)
+    begin = f"their names begin with {', '.join(of_kind)}; see docs/sheet.md."
+    found = {}
+    for folder in sorted(one for one in path.iterdir() if one.is_dir()):
+        kind = next((kind for kind in of_kind if folder.name.startswith(kind)), None)
+        if kind is not None:
+            found[folder] = of_kind[kind]
+        elif meant := nearest(folder.name, of_kind):
+            raise InputError(f"{folder} is no folder of a chart; {begin}{meant}")
+    if not found:
+        raise InputError(f"{path} has no folder of a chart; {begin}")
+    return found
+
+
+def facts_of(folder: Path) -> Facts:
+    """What ``chart.toml`` says, if there is one. Raises InputError for a file that is no TOML."""
+    file = folder / FACTS
+    if not file.exists():
+        return {}
+    try:
+        facts = read_toml(file)
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{file} is no TOML: {error}.") from None
+    if isinstance(facts.get("chart"), str):
+        facts["chart"] = folder / facts["chart"]
+    return facts

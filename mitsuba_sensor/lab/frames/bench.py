@@ -22,11 +22,12 @@ from __future__ import annotations
 
 import math
 import os
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,6 @@ from ...core import InputError
 from ...core.checks import require_path
 from ...files.raw_files import RawFile, read_raw
 from ...files.texts import Facts
-from .descriptor import read_descriptor
 from .manifest import (
     KINDS,
     MANIFEST,
@@ -44,9 +44,11 @@ from .manifest import (
     Kind,
     groups,
     groups_of_names,
+    names_of_readouts,
+    read_descriptor,
     read_manifest,
+    read_readout,
 )
-from .readout_frames import names_of_readouts, read_readout
 from .stack import Stack
 
 SAME_TEMPERATURE_K = 1.0
@@ -80,15 +82,19 @@ class Bench:
     notes: tuple[str, ...] = ()
 
     @property
+    def unlit(self) -> tuple[Stack, ...]:
+        """Bias and dark stacks."""
+        return (*self.biases, *self.darks)
+
+    @property
     def stacks(self) -> tuple[Stack, ...]:
         """All stacks: bias, dark, flat and scene."""
-        return (*self.biases, *self.darks, *self.flats, *self.scenes)
+        return (*self.unlit, *self.flats, *self.scenes)
 
     @property
     def gains(self) -> tuple[str, ...]:
         """Names of the gain settings, numbers in their order."""
-        names = {stack.gain for stack in self.stacks}
-        return tuple(sorted(names, key=_order_of_gain))
+        return tuple(sorted({stack.gain for stack in self.stacks}, key=_order_of_gain))
 
     def at_gain(self, gain: str) -> Bench:
         """The stacks of one gain setting."""
@@ -107,10 +113,12 @@ class Bench:
             raise InputError(
                 f"the stacks have different mosaics: {tiles}. Give the tile in the manifest."
             )
-        if not self.stacks:
-            return {}
-        names = self.stacks[0].of_filters()
-        return {name: self.change(partial(_select_filter, name)) for name in names}
+
+        def of_filter(name: str, stacks: Sequence[Stack]) -> list[Stack]:
+            return [stack.of_filters()[name] for stack in stacks]
+
+        names = self.stacks[0].of_filters() if self.stacks else ()
+        return {name: self.change(partial(of_filter, name)) for name in names}
 
     def given(self, bits: int | None = None, wavelength_nm: float | None = None) -> Bench:
         """This bench with the bits and the wavelength that somebody knows better; None changes nothing."""
@@ -123,19 +131,8 @@ class Bench:
 
     def change(self, change: Callable[[Sequence[Stack]], Sequence[Stack]]) -> Bench:
         """This bench with the stacks of each kind changed by a function."""
-        return Bench(
-            tuple(change(self.biases)),
-            tuple(change(self.darks)),
-            tuple(change(self.flats)),
-            tuple(change(self.scenes)),
-            self.wavelength_nm,
-            self.notes,
-        )
-
-
-def _select_filter(name: str, stacks: Sequence[Stack]) -> list[Stack]:
-    """The pixels of each stack behind one filter."""
-    return [stack.of_filters()[name] for stack in stacks]
+        kinds = self.biases, self.darks, self.flats, self.scenes
+        return Bench(*(tuple(change(kind)) for kind in kinds), self.wavelength_nm, self.notes)
 
 
 def read_bench(
@@ -152,6 +149,8 @@ def read_bench(
 
     report : called with the files that are read, and all of them, after each.
     readout : of a camera with several, as this package writes them: the one whose frames are read.
+
+    Frames stay on disk, those of several files in a temporary one: the memory is that of a few stacks.
     Raises InputError for what cannot be read or told apart, with the file and the way out.
     """
     facts, file_groups = _facts_and_groups(path)
@@ -160,27 +159,26 @@ def read_bench(
         read = partial(read_readout, name=readout)
         facts = {name: value for name, value in facts.items() if name != "bits"}
         file_groups = [group.of_readout() for group in file_groups]
-    total = sum(len(group.files) for group in file_groups)
+    files = [(group, file) for group in file_groups for file in group.files]
     frame_files: list[_FrameFile] = []
-    for group in file_groups:
-        for file in group.files:
-            frame_files.append(_FrameFile.describe(file, read(file), group))
+    with tempfile.TemporaryFile() as spool:
+        for number, (group, file) in enumerate(files, start=1):
+            raw = read(file)
+            if not isinstance(raw.frames, np.memmap):
+                raw = replace(raw, frames=_on_disk(spool, raw.frames))
+            frame_files.append(_FrameFile.describe(file, raw, group))
             if report is not None:
-                report(len(frame_files), total)
-    frame_files, notes = _with_equal_temperatures(frame_files)
-    notes = (*notes, *_note_short(frame_files))
-    stacks: dict[Kind, list[Stack]] = {kind: [] for kind in KINDS}
-    for kind, stack in _stacks(frame_files, facts):
-        stacks[kind].append(stack)
+                report(number, len(files))
+        frame_files, notes = _with_equal_temperatures(frame_files)
+        stacks: dict[Kind, list[Stack]] = {kind: [] for kind in KINDS}
+        for kind, stack in _stacks(frame_files, facts, spool):
+            stacks[kind].append(stack)
     for of_kind in stacks.values():
         of_kind.sort(key=_order_of_settings)
     return Bench(
-        tuple(stacks["bias"]),
-        tuple(stacks["dark"]),
-        tuple(stacks["flat"]),
-        tuple(stacks["scene"]),
+        *(tuple(of_kind) for of_kind in stacks.values()),
         facts.get("wavelength_nm"),
-        notes,
+        (*notes, *_note_short(frame_files)),
     )
 
 
@@ -208,6 +206,22 @@ def _facts_and_groups(path: str | os.PathLike[str]) -> tuple[Facts, list[Group]]
     return {}, groups_of_names(asked)
 
 
+def _on_disk(spool: IO[bytes], *parts: NDArray[Any]) -> NDArray[Any]:
+    """Frames of equal size and type as one array, mapped from the end of a file. Raises InputError for a full disk."""
+    begin = spool.seek(0, os.SEEK_END)
+    try:
+        for frames in parts:
+            spool.write(np.ascontiguousarray(frames).data)
+        spool.flush()
+    except OSError as error:
+        raise InputError(
+            f"the frames cannot be kept in {tempfile.gettempdir()}: {error.strerror}; set TMPDIR to a folder with room "
+            "for twice their size."
+        ) from None
+    shape = (sum(map(len, parts)), *parts[0].shape[1:])
+    return np.memmap(spool, parts[0].dtype, "r", begin, shape)
+
+
 @dataclass(frozen=True, eq=False)
 class _FrameFile:
     """The frames of one file with all that is known about them."""
@@ -222,14 +236,11 @@ class _FrameFile:
     def describe(cls, file: Path, raw: RawFile, group: Group) -> _FrameFile:
         """Combine what the group says of a file with what its metadata say. Raises InputError for what neither says."""
         settings = group.settings
-        kind = group.kind or _known_kind(raw)
+        kind = group.kind or next((kind for kind in KINDS if kind == raw.kind), None)
         if kind is None:
             which = f"is it one of {', '.join(KINDS)}? Begin its name or its folder's with that, or {WAY_OUT}"
             raise InputError(f"{file}: {which}.")
-        exposure_s = raw.exposure_s
-        if kind == "bias":
-            exposure_s = 0.0
-        exposure_s = settings.get("exposure_s", exposure_s)
+        exposure_s = settings.get("exposure_s", 0.0 if kind == "bias" else raw.exposure_s)
         if exposure_s is None:
             raise InputError(
                 f"{file} does not say how long it was exposed; {WAY_OUT}, with exposure_s in it."
@@ -237,6 +248,11 @@ class _FrameFile:
         temperature_k = settings.get("temperature_k", raw.temperature_k)
         gain = str(settings.get("gain", raw.gain))
         return cls(file, group, raw, kind, (float(exposure_s), temperature_k, gain))
+
+    @property
+    def jittering_k(self) -> float | None:
+        """The temperature, if it is that of the metadata."""
+        return None if "temperature_k" in self.group.settings else self.settings[1]
 
 
 def _with_equal_temperatures(
@@ -246,33 +262,26 @@ def _with_equal_temperatures(
 
     A cooled sensor is not kept at a temperature more exactly, and headers say it to a hundredth of a kelvin.
     """
-    kelvins: list[float] = []
-    for file in files:
-        temperature_k = file.settings[1]
-        if temperature_k is not None and "temperature_k" not in file.group.settings:
-            kelvins.append(temperature_k)
-    groups: list[list[float]] = []
-    for kelvin in sorted(kelvins):
-        if not groups or kelvin - groups[-1][0] > SAME_TEMPERATURE_K:
-            groups.append([])
-        groups[-1].append(kelvin)
-    mean_of: dict[float, float] = {}
+    clusters: list[list[float]] = []
+    for kelvin in sorted(file.jittering_k for file in files if file.jittering_k is not None):
+        if not clusters or kelvin - clusters[-1][0] > SAME_TEMPERATURE_K:
+            clusters.append([])
+        clusters[-1].append(kelvin)
+    mean_of: dict[float | None, float] = {}
     notes: list[str] = []
-    for group in groups:
-        mean = round(sum(group) / len(group), 3)
-        mean_of |= dict.fromkeys(group, mean)
-        if group[0] < group[-1]:
+    for cluster in clusters:
+        mean = round(sum(cluster) / len(cluster), 3)
+        mean_of |= dict.fromkeys(cluster, mean)
+        if cluster[0] < cluster[-1]:
             notes.append(
-                f"temperatures from {group[0]:.2f} to {group[-1]:.2f} K are taken as {mean:.2f} K "
+                f"temperatures from {cluster[0]:.2f} to {cluster[-1]:.2f} K are taken as {mean:.2f} K "
                 f"(within {SAME_TEMPERATURE_K:g} K)"
             )
     equal: list[_FrameFile] = []
     for file in files:
         exposure_s, temperature_k, gain = file.settings
-        if temperature_k is not None and "temperature_k" not in file.group.settings:
-            temperature_k = mean_of[temperature_k]
+        temperature_k = mean_of.get(file.jittering_k, temperature_k)
         equal.append(replace(file, settings=(exposure_s, temperature_k, gain)))
-    files.clear()
     return equal, tuple(notes)
 
 
@@ -287,36 +296,25 @@ def _note_short(files: Sequence[_FrameFile]) -> Iterator[str]:
         )
 
 
-def _known_kind(raw: RawFile) -> Kind | None:
-    """The kind that the header of a file says, if it is one of ours."""
-    for kind in KINDS:
-        if kind == raw.kind:
-            return kind
-    return None
-
-
 def _stacks(
-    frame_files: list[_FrameFile], facts: Mapping[str, Any]
+    frame_files: Sequence[_FrameFile], facts: Mapping[str, Any], spool: IO[bytes]
 ) -> Iterator[tuple[Kind, Stack]]:
-    """One stack of each group of the manifest; without a manifest, one of equal group, size and settings.
-
-    The list of files is emptied, so that each file's frames are let go when they are joined to a stack.
-    """
+    """One stack of each group of the manifest; without a manifest, one of equal group, size and settings."""
     together: dict[object, list[_FrameFile]] = {}
-    while frame_files:
-        file = frame_files.pop(0)
+    for file in frame_files:
         key: object = file.group.where
         if not facts:
             key = file.kind, file.group.where, file.raw.frames.shape[1:], file.settings
         together.setdefault(key, []).append(file)
     for alike in together.values():
-        kind, stack = alike[0].kind, _stack(alike, facts)
+        kind, stack = alike[0].kind, _stack(alike, facts, spool)
         if kind == "flat":
             _require_equal_light(stack)
         yield kind, stack
+        stack.release()
 
 
-def _stack(files: list[_FrameFile], facts: Mapping[str, Any]) -> Stack:
+def _stack(files: list[_FrameFile], facts: Mapping[str, Any], spool: IO[bytes]) -> Stack:
     """The stack of files that belong together. Raises InputError where their frames are not alike."""
     first, last = files[0], files[-1]
     for other in files:
@@ -327,10 +325,11 @@ def _stack(files: list[_FrameFile], facts: Mapping[str, Any]) -> Stack:
         photons = first.group.settings.get("photons")
     bits = facts.get("bits", first.raw.bits)
     tile = tuple(map(tuple, facts.get("tile", first.raw.tile)))
-    source = str(first.file)
+    source, frames = str(first.file), first.raw.frames
     if len(files) > 1:
         source = f"{first.file} … {last.file.name}"
-    return Stack(_join(files), exposure_s, photons, temperature_k, gain, bits, tile, source)
+        frames = _on_disk(spool, *(file.raw.frames for file in files))
+    return Stack(frames, exposure_s, photons, temperature_k, gain, bits, tile, source)
 
 
 def _require_equal_light(flat: Stack) -> None:
@@ -358,21 +357,6 @@ def _require_alike(first: _FrameFile, other: _FrameFile) -> None:
                 f"{first.group.where}: {what} of {first.file.name} is {expected} and of {other.file.name} {actual}; "
                 "frames of one stack must be alike: name them in stacks of their own."
             )
-
-
-def _join(files: list[_FrameFile]) -> NDArray[Any]:
-    """All frames as one array; each file's own array is let go as soon as it is copied."""
-    first = files[0].raw.frames
-    if len(files) == 1:
-        return first
-    number = sum(len(file.raw.frames) for file in files)
-    frames = np.empty((number, *first.shape[1:]), first.dtype)
-    position = 0
-    while files:
-        part = files.pop(0).raw.frames
-        frames[position : position + len(part)] = part
-        position += len(part)
-    return frames
 
 
 def _order_of_settings(stack: Stack) -> tuple[tuple[float, str], float, float]:

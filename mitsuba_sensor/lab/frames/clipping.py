@@ -93,23 +93,18 @@ class Clipping:
         """Shares of the clipped values of frames, (N, H, W), of an ADC with so many bits, if these are known.
 
         The largest value is a limit where it is the largest code of so many bits, the smallest where it is 0; any other
-        where values pile up there more than in the tail of a distribution. Quiet frames have many equal values at their
-        ends, too: pixels must jump from there, unless it is a code like 4095.
+        where values pile up there more than in the tail of a distribution.
         """
         lowest, largest = float(frames.min()), float(frames.max())
-        many_codes = largest - lowest >= FEWEST_CODES * _step_dn(frames)
         saturates = bits is not None and largest >= 2**bits - 1
-        if not saturates and many_codes:
-            saturates = _piles_up_at_top(frames, largest)
-        black_clips = lowest == 0
-        if not black_clips and many_codes:
-            black_clips = _piles_up_at_bottom(frames, lowest)
-        black = saturated = 0.0
-        if black_clips:
-            black = _count_values(frames, lowest) / frames.size
-        if saturates:
-            saturated = _count_values(frames, largest) / frames.size
-        return cls(black, saturated, lowest, largest)
+        saturates = saturates or _piles_up(frames, largest, lowest)
+        black_clips = lowest == 0 or _piles_up(frames, lowest, largest)
+        return cls(
+            _count_values(frames, lowest) / frames.size if black_clips else 0.0,
+            _count_values(frames, largest) / frames.size if saturates else 0.0,
+            lowest,
+            largest,
+        )
 
     def shares_of_pixels(self, frames: NumpyArray) -> Float64Array:
         """Share of the frames in which each pixel is clipped, (N, H, W) → (H, W)."""
@@ -122,33 +117,24 @@ class Clipping:
         return count / len(frames)
 
 
-def _piles_up_at_top(frames: NumpyArray, largest: float) -> bool:
-    """Whether there are more than 20 values at the largest code, and 5 standard errors more than at the next one."""
-    all_bits_set = largest > 0 and math.log2(largest + 1).is_integer()
-    at_largest = _count_values(frames, largest)
-    if at_largest <= FEWEST_PILED:
-        return False
-    if not (all_bits_set or len(frames) == 1 or _jumps_from(frames, largest)):
-        return False
-    next_code = lowest = float(frames.min())
-    for frame in frames:
-        next_code = max(next_code, float(np.max(frame, where=frame < largest, initial=lowest)))
-    at_next = _count_values(frames, next_code)
-    return at_largest > max(FEWEST_PILED, at_next + 5 * math.sqrt(at_next))
+def _piles_up(frames: NumpyArray, end: float, other_end: float) -> bool:
+    """Whether there are more values at an end of the range than the two codes next to it let a tail have.
 
-
-def _piles_up_at_bottom(frames: NumpyArray, lowest: float) -> bool:
-    """Whether there are more values at the smallest code than the two codes above it let a tail have."""
-    at_lowest = _count_values(frames, lowest)
-    if at_lowest <= FEWEST_PILED or not _jumps_from(frames, lowest):
+    Quiet frames have many equal values at their ends, too: pixels must often jump by 3 codes or more from there to the
+    next frame, unless the end is a code like 4095.
+    """
+    values = np.unique(frames[0].ravel()[:MOST_VALUES]).astype(np.float64)
+    step = float(np.diff(values).min(initial=np.inf))  # 16 of codes of 12 bits that lie in 16
+    at_end = _count_values(frames, end)
+    if not math.isfinite(step) or abs(end - other_end) < FEWEST_CODES * step:
         return False
-    step = _step_dn(frames)
-    first, second = (
-        _count_values(frames, lowest + step),
-        _count_values(frames, lowest + 2 * step),
-    )
+    is_last_code = end > max(other_end, 0) and math.log2(end + 1).is_integer()
+    if at_end <= FEWEST_PILED or not (is_last_code or _jumps_from(frames, end, step)):
+        return False
+    inward = math.copysign(step, other_end - end)
+    first, second = (_count_values(frames, end + k * inward) for k in (1, 2))
     tail = first * min(1.0, first / max(second, 1))
-    return at_lowest > max(FEWEST_PILED, tail + 5 * math.sqrt(first))
+    return at_end > max(FEWEST_PILED, tail + 5 * math.sqrt(first))
 
 
 def _count_values(frames: NumpyArray, value: float) -> int:
@@ -156,27 +142,13 @@ def _count_values(frames: NumpyArray, value: float) -> int:
     return sum(int(np.count_nonzero(frame == value)) for frame in frames)
 
 
-def _step_dn(frames: NumpyArray) -> float:
-    """Smallest distance of two values of the first frame [DN]: 16 of codes of 12 bits that lie in 16."""
-    distances = np.diff(np.unique(frames[0].ravel()[:MOST_VALUES]).astype(np.float64))
-    if distances.size:
-        return float(distances.min())
-    return 1.0
-
-
-def _jumps_from(frames: NumpyArray, end: float) -> bool:
-    """Whether pixels at an end of the range in one frame are often 3 codes or more from it in the next one.
-
-    Then noise is of a code or more, and no value piles up unless it is clipped.
-    """
-    if len(frames) < 2:
-        return False
-    touching = (frames[0] == end) | (frames[1] == end)
-    if not touching.any():
+def _jumps_from(frames: NumpyArray, end: float, step: float) -> bool:
+    """Whether pixels at an end in one of the first two frames are often 3 codes or more from it in the other."""
+    touching = (frames[:2] == end).any(axis=0)
+    if len(frames) < 2 or not touching.any():
         return False
     first, second = (frame[touching].astype(np.float64) for frame in frames[:2])
-    jumps = np.abs(second - first) > 2.5 * _step_dn(frames)
-    return bool(np.mean(jumps) > OFTEN)
+    return bool(np.mean(np.abs(second - first) > 2.5 * step) > OFTEN)
 
 
 def mark_clipped(figure: Quantity, *stacks: Stack) -> Quantity:
@@ -184,10 +156,7 @@ def mark_clipped(figure: Quantity, *stacks: Stack) -> Quantity:
     for stack in stacks:
         clipping = stack.clipping
         if not clipping.usable:
-            clipped = figure.clipped or clipping.clipped
-            figure = replace(
-                figure, value=math.nan, low=math.nan, high=math.nan, clipped=clipped
-            )
+            figure = figure.without_value(clipped=clipping.clipped)
         figure = figure.noted(clipping.note)
     return figure
 
@@ -199,17 +168,11 @@ def mark_clipped_sigma(figure: Quantity, *stacks: Stack) -> Quantity:
     return mark_clipped(wider, *stacks)
 
 
-def mark_temporal_sigma(figure: Quantity, *stacks: Stack) -> Quantity:
-    """A standard deviation of temporal noise [DN] marked as by mark_clipped_sigma, and with what rounding hides."""
-    figure = mark_rounding(mark_clipped_sigma(figure, *stacks), *stacks)
-    return mark_coarse(figure, *stacks)
-
-
 def mark_coarse(figure: Quantity, *stacks: Stack) -> Quantity:
     """A temporal figure of these stacks: without a value, and with the reason, where rounding hides the noise."""
     for stack in stacks:
         if stack.coarse:
-            figure = replace(figure, value=math.nan, low=math.nan, high=math.nan)
+            figure = figure.without_value()
         figure = figure.noted(stack.temporal_note)
     return figure
 
@@ -224,14 +187,11 @@ def mark_rounding(figure: Quantity, *stacks: Stack, per_dn: float = 1.0) -> Quan
     if not shift or not math.isfinite(hidden):
         return figure
     if hidden > MOST_ROUNDING * figure.high**2 and shift > LEAST_DN:
-        nothing = replace(figure, value=math.nan, low=math.nan, high=math.nan)
-        return nothing.noted(f"not measurable: rounding may add or hide {shift:.2g} DN")
+        return figure.without_value(f"not measurable: rounding may add or hide {shift:.2g} DN")
     low = math.sqrt(max(figure.low**2 - hidden, 0.0))
     return replace(figure, low=low, high=math.sqrt(figure.high**2 + hidden))
 
 
 def note_left_out(clipped: str) -> str:
     """A note about clipped levels that are left out of a fit, or nothing.  clipped : why they are clipped."""
-    if clipped:
-        return f"levels with clipped values are left out ({clipped})"
-    return ""
+    return f"levels with clipped values are left out ({clipped})" if clipped else ""

@@ -18,29 +18,16 @@ HALF = 0.5
 
 
 def darks_of(bench: Bench) -> tuple[Stack, ...]:
-    """Bias and dark stacks: all without light."""
-    return (*bench.biases, *bench.darks)
+    """Bias and dark stacks: all without light. Raises InputError where there is none."""
+    darks = (*bench.biases, *bench.darks)
+    if not darks:
+        raise InputError("there are no bias or dark frames; take some with the lens capped.")
+    return darks
 
 
 def shortest_dark(bench: Bench) -> Stack:
-    """The dark stack of the shortest exposure; of several the one with the most frames.
-
-    Raises InputError where there is none.
-    """
-    darks = darks_of(bench)
-    _require_darks(darks)
-    return min(darks, key=lambda stack: (stack.exposure_s, -len(stack)))
-
-
-def most_frames(darks: Sequence[Stack]) -> Stack:
-    """The stack with the most frames. Raises InputError where there is none."""
-    _require_darks(darks)
-    return max(darks, key=len)
-
-
-def _require_darks(darks: Sequence[Stack]) -> None:
-    if not darks:
-        raise InputError("there are no bias or dark frames; take some with the lens capped.")
+    """The dark stack of the shortest exposure; of several the one with the most frames."""
+    return min(darks_of(bench), key=lambda stack: (stack.exposure_s, -len(stack)))
 
 
 def longest_dark(bench: Bench) -> Stack:
@@ -68,10 +55,8 @@ def black_level(bench: Bench) -> float:
 
 def dark_series(bench: Bench) -> list[Stack]:
     """Dark stacks of the temperature at which there are most exposure times, by exposure time."""
-    darks = darks_of(bench)
-    _require_darks(darks)
     groups: dict[float | None, list[Stack]] = {}
-    for stack in darks:
+    for stack in darks_of(bench):
         groups.setdefault(stack.temperature_k, []).append(stack)
     longest_series = max(groups.values(), key=count_exposure_times)
     return sorted(longest_series, key=lambda stack: stack.exposure_s)
@@ -101,10 +86,7 @@ def dark_for(bench: Bench, flat: Stack) -> Stack:
         raise InputError(
             f"there are no dark frames of {flat.exposure_s:g} s, the time of {flat.source}; take some."
         )
-    as_warm = [stack for stack in darks if stack.temperature_k == flat.temperature_k]
-    if flat.temperature_k is not None and as_warm:
-        darks = as_warm
-    return max(darks, key=len)
+    return max(darks, key=lambda stack: (stack.temperature_k == flat.temperature_k, len(stack)))
 
 
 def temporal_levels(flats: Sequence[Stack]) -> list[Stack]:
@@ -113,14 +95,9 @@ def temporal_levels(flats: Sequence[Stack]) -> list[Stack]:
     Stacks of many more frames, which spatial figures need, would rule a fit with all others by their small errors,
     whatever light they had; they are left out where the others are enough.
     """
-    counts = sorted(len(flat) for flat in flats)
-    if not counts:
-        return []
-    usual = counts[(len(counts) - 1) // 2]
-    few = [flat for flat in flats if len(flat) < MANY * usual]
-    if len(few) >= FEWEST_LEVELS:
-        return few
-    return list(flats)
+    counts = sorted(map(len, flats))
+    few = [flat for flat in flats if len(flat) < MANY * counts[(len(counts) - 1) // 2]]
+    return few if len(few) >= FEWEST_LEVELS else list(flats)
 
 
 def half_saturated(bench: Bench, saturation_dn: float | None) -> Stack:
@@ -132,35 +109,23 @@ def half_saturated(bench: Bench, saturation_dn: float | None) -> Stack:
     dark = float(shortest_dark(bench).frame_means.mean())
     usable = [stack for stack in bench.flats if stack.clipping.usable]
     signals = [float(stack.frame_means.mean()) - dark for stack in usable]
-    whole = saturation_dn
-    if whole is None:
-        whole = max(signals, default=0.0)
-    inside: list[tuple[Stack, float]] = []
-    for stack, signal in zip(usable, signals, strict=True):
-        if 0.1 * whole < signal < 0.9 * whole:
-            inside.append((stack, signal / whole))
+    whole = max(signals, default=0.0) if saturation_dn is None else saturation_dn
+    shares = [signal / whole if whole > 0 else 0.0 for signal in signals]
+    inside = [pair for pair in zip(usable, shares, strict=True) if 0.1 < pair[1] < 0.9]
     if not inside:
-        raise _no_half_saturated(bench.flats, signals, whole)
+        raise _no_half_saturated(bench.flats, shares)
     most = max(len(stack) for stack, _ in inside)
     large = [(stack, level) for stack, level in inside if len(stack) >= most / 2]
-    nearest, _ = min(large, key=lambda pair: abs(pair[1] - HALF))
-    return nearest
+    return min(large, key=lambda pair: abs(pair[1] - HALF))[0]
 
 
-def _no_half_saturated(
-    flats: Sequence[Stack], signals: Sequence[float], whole: float
-) -> InputError:
+def _no_half_saturated(flats: Sequence[Stack], shares: Sequence[float]) -> InputError:
     """The error where no flat field is between 10 and 90 % of saturation: at which levels they are, which clip."""
-    reasons: list[str] = []
-    if signals and whole > 0:
-        reasons.append(", ".join(f"{100 * signal / whole:.3g} %" for signal in signals))
+    reasons = [", ".join(f"{100 * share:.3g} %" for share in shares)] if shares else []
     clipped = [stack for stack in flats if stack.clipping.clipped]
     reasons += [f"{stack.source}: {stack.clipping.note}" for stack in clipped[:3]]
-    why = "; ".join(reasons) or "none"
-    message = (
-        f"no flat field without clipped values is between 10 and 90 % of saturation ({why}); "
-        "take one at 50 %."
+    kind = ClippedError if clipped and not shares else InputError
+    return kind(
+        "no flat field without clipped values is between 10 and 90 % of saturation "
+        f"({'; '.join(reasons) or 'none'}); take one at 50 %."
     )
-    if clipped and not signals:
-        return ClippedError(message)
-    return InputError(message)

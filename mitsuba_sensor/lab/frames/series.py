@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from ...core import InputError
 from ...core.types import Float64Array
 from .clipping import MOST_VALUES
-from .notes import merged
-from .stack import Stack, centre, coarse_note, rounding_error_dn2
+from .stack import Stack, coarse_note, merged, rounding_error_dn2
 from .temporal import flicker_note, temporal, temporal_within_rows
 
 Report = Callable[[int, int], object]
@@ -53,6 +52,10 @@ def measure_level(stack: Stack, lit: bool = False) -> Level:
 
     lit : whether rows that fluctuate together are taken out, for they do so by the light.
     """
+    if isinstance(stack.photons, np.ndarray):
+        raise InputError(
+            f"{stack.source}: photons are an array; a flat field has one number of photons per pixel."
+        )
     flicker = (
         flicker_note(stack, "taken out of the variance, with the row noise") if lit else ""
     )
@@ -62,12 +65,8 @@ def measure_level(stack: Stack, lit: bool = False) -> Level:
     clipping = stack.clipping
     hidden_dn = clipping.share * math.hypot(math.sqrt(variance), spread)
     mean_error = math.hypot(math.sqrt(variance / pixels / frames), hidden_dn)
-    notes = tuple(
-        f"{stack.source}: {note}" for note in (flicker, statistics.drift_note) if note
-    )
-    clipped = ""
-    if clipping.clipped:
-        clipped = f"{stack.source}: {clipping.note}"
+    notes = filter(None, (flicker, statistics.drift_note))
+    stack.release()
     return Level(
         mean=statistics.mean,
         mean_error=mean_error,
@@ -77,23 +76,12 @@ def measure_level(stack: Stack, lit: bool = False) -> Level:
         freedom=float((frames - 1) * pixels),
         spread=spread,
         exposure_s=stack.exposure_s,
-        photons=_photons_of_flat(stack),
-        notes=notes,
-        clipped=clipped,
+        photons=stack.photons,
+        notes=tuple(f"{stack.source}: {note}" for note in notes),
+        clipped=f"{stack.source}: {clipping.note}" if clipping.clipped else "",
         coarse=coarse_note(variance) if stack.whole_codes else "",
         source=stack.source,
     )
-
-
-def _photons_of_flat(stack: Stack) -> float | None:
-    """Photons per pixel of a flat field. Raises InputError where there is another number for each pixel."""
-    if isinstance(stack.photons, np.ndarray):
-        raise InputError(
-            f"{stack.source}: photons are an array; a flat field has one number of photons per pixel."
-        )
-    if stack.photons is None:
-        return None
-    return float(stack.photons)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,8 +136,7 @@ class Series:
     @cached_property
     def clipped_darks(self) -> str:
         """Why the dark frames show nothing, or nothing where they are inside of the range."""
-        notes = (self.darks[k].clipped for k in self.dark_of)
-        return next(filter(None, notes), "")
+        return next(filter(None, (self.darks[k].clipped for k in self.dark_of)), "")
 
     @cached_property
     def _clipped_notes(self) -> list[str]:
@@ -161,10 +148,8 @@ class Series:
 
     def why_clipped(self, levels: NDArray[np.bool_]) -> str:
         """Why the first of these levels that is clipped shows nothing, or nothing where none is."""
-        for note, is_asked in zip(self._clipped_notes, levels, strict=True):
-            if is_asked and note:
-                return note
-        return ""
+        asked = zip(self._clipped_notes, levels, strict=True)
+        return next((note for note, is_asked in asked if is_asked and note), "")
 
     def shared(self, errors: Float64Array) -> Float64Array:
         """Covariance (n, n) that flats have by the same dark, whose standard errors are given for each flat."""
@@ -207,8 +192,7 @@ def series(
         )
     _check_stacks([*darks, *flats])
     if window is not None:
-        darks = [centre(stack, window) for stack in darks]
-        flats = [centre(stack, window) for stack in flats]
+        darks, flats = ([stack.centre(window) for stack in some] for some in (darks, flats))
     of_stacks: list[Level] = []
     for number, stack in enumerate((*darks, *flats)):
         of_stacks.append(measure_level(stack, lit=number >= len(darks)))
@@ -218,9 +202,7 @@ def series(
     levels = _sort_levels(of_stacks[len(darks) :])
     times = np.array([dark.exposure_s for dark in dark_levels])
     dark_of = np.array([int(np.argmin(abs(times - flat.exposure_s))) for flat in levels])
-    notes: list[str] = []
-    for level in (*dark_levels, *levels):
-        notes += level.notes
+    notes = [note for level in (*dark_levels, *levels) for note in level.notes]
     notes += [dark.clipped for dark in dark_levels if dark.clipped]
     notes += _note_far_darks(levels, times)
     notes += coarse_codes(darks)
@@ -257,10 +239,8 @@ def _sort_levels(levels: list[Level]) -> list[Level]:
 
 def _note_far_darks(flats: Sequence[Level], times: Float64Array) -> list[str]:
     """A note where flats have no dark frames of their exposure time."""
-    far_s: list[float] = []
-    for flat in flats:
-        if not np.isclose(times, flat.exposure_s, rtol=1e-6).any():
-            far_s.append(flat.exposure_s)
+    of_flats = [flat.exposure_s for flat in flats]
+    far_s = [time for time in of_flats if not np.isclose(times, time, rtol=1e-6).any()]
     if not far_s:
         return []
     levels = f"{len(far_s)} of {len(flats)} levels"

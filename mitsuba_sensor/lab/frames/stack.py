@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import mmap
+import re
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +28,7 @@ ROUNDING_DN2 = 1 / 12
 COARSE_DN2 = 0.24
 """Temporal variance below which rounding hides temporal noise: EMVA 1288 R4 2.2 gives bounds instead of figures."""
 ONE_FRAME = "one frame: temporal noise is not told from spatial, pass at least 2"
+NUMBER = re.compile(r"[-+]?\d[\d.,]*(?:e[-+]?\d+)?")
 
 
 def coarse_note(variance_dn2: float) -> str:
@@ -48,8 +51,7 @@ def rounding_shift_dn(variance_dn2: float) -> float:
 
 def rounding_error_dn2(variance_dn2: float) -> float:
     """By how much the variance of rounding may differ from 1/12 DN² at this variance of the codes [DN²]."""
-    least_dn2 = np.array(_least_dn2(variance_dn2))
-    return min(ROUNDING_DN2, float(_rounding_error(least_dn2)))
+    return min(ROUNDING_DN2, float(_rounding_error(np.array(_least_dn2(variance_dn2)))))
 
 
 def _least_dn2(variance_dn2: float) -> float:
@@ -62,6 +64,23 @@ def _least_dn2(variance_dn2: float) -> float:
 def _rounding_error(sigma_dn2: Float64Array) -> Float64Array:
     """Largest difference from 1/12 DN² for normal noise, if the means of all pixels are equal [DN²]."""
     return np.asarray((4 * sigma_dn2 + math.pi**-2) * np.exp(-2 * math.pi**2 * sigma_dn2))
+
+
+class Changes(NamedTuple):
+    """What one pass over a stack finds.
+
+    mean : of all values [DN].  of_means : variance over the pixels of their means [DN²].
+    variance, square : means over the pixels of their variance over the frames, without what is common to the pixels of
+    a frame [DN²], and of its square [DN⁴].
+    rows, columns : deviations of the lines' means from their means over the frames, without it, (N, lines) [DN].
+    """
+
+    mean: float
+    of_means: float
+    variance: float
+    square: float
+    rows: Float64Array
+    columns: Float64Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,35 +115,27 @@ class Stack:
     source: str = "the frames"
 
     def __post_init__(self) -> None:
-        frames = self.frames
+        frames, source = self.frames, self.source
         refuse_masked("frames", frames)
         are_numbers = isinstance(frames, np.ndarray) and frames.dtype.kind in "uif"
         if not are_numbers or frames.ndim != 3 or not frames.size:
-            kind, shape = (
-                getattr(frames, "dtype", type(frames).__name__),
-                getattr(frames, "shape", ()),
-            )
+            kind = getattr(frames, "dtype", type(frames).__name__)
+            shape = getattr(frames, "shape", ())
             raise InputError(
-                f"{self.source}: frames are {kind} of shape {shape}; pass numbers of shape (frames, rows, columns)."
+                f"{source}: frames are {kind} of shape {shape}; pass numbers of shape (frames, rows, columns)."
             )
         if frames.dtype.kind == "f":
-            require_finite(f"{self.source}: frames", frames, "digital numbers")
-        require(
-            f"{self.source}: exposure_s", self.exposure_s, 0.0, LONGEST_S, "seconds, e.g. 0.01"
-        )
+            require_finite(f"{source}: frames", frames, "digital numbers")
+        require(f"{source}: exposure_s", self.exposure_s, 0.0, LONGEST_S, "seconds, e.g. 0.01")
         if self.photons is not None:
-            self._check_photons()
+            wanted = "photons per pixel of 0 or more, a number or (rows, columns)"
+            photons = finite_numbers(f"{source}: photons", self.photons, wanted)
+            if photons.shape not in ((), self.shape) or photons.min() < 0:
+                raise InputError(
+                    f"{source}: photons has shape {photons.shape} and values from {photons.min():g}; pass {wanted}."
+                )
         if self.bits is not None:
-            require_count(f"{self.source}: bits", self.bits, 1, MOST_BITS, 12)
-
-    def _check_photons(self) -> None:
-        """Raises InputError for photons that are no number of 0 or more, or one for each pixel."""
-        wanted = "photons per pixel of 0 or more, a number or (rows, columns)"
-        photons = finite_numbers(f"{self.source}: photons", self.photons, wanted)
-        if photons.shape not in ((), self.shape) or photons.min() < 0:
-            raise InputError(
-                f"{self.source}: photons has shape {photons.shape} and values from {photons.min():g}; pass {wanted}."
-            )
+            require_count(f"{source}: bits", self.bits, 1, MOST_BITS, 12)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -169,7 +180,7 @@ class Stack:
         """Why rounding hides the temporal noise of these frames, or nothing."""
         if len(self) == 1 or not self.whole_codes:
             return ""
-        return coarse_note(float(self.variance.mean()))
+        return coarse_note(self.changes.variance)
 
     @property
     def temporal_note(self) -> str:
@@ -181,13 +192,52 @@ class Stack:
         """Standard deviation of the pattern that rounding adds to pixels and lines [DN]; 0 if that is not known."""
         if len(self) == 1 or not self.whole_codes:
             return 0.0
-        sigma_dn2 = max(float(self.variance.mean()) - ROUNDING_DN2, 0.0)
+        sigma_dn2 = max(self.changes.variance - ROUNDING_DN2, 0.0)
         return math.exp(-2 * math.pi**2 * sigma_dn2) * math.sqrt(ROUNDING_DN2)
+
+    @cached_property
+    def changes(self) -> Changes:
+        """What changes from frame to frame, without the frames' means."""
+        drift = self.frame_means - self.frame_means.mean()
+        return self.changes_without(lambda rows: (drift[:, None, None], 1.0))
+
+    def changes_without(
+        self,
+        common: Callable[[slice], tuple[Float64Array, float | Float64Array]],
+        maps: tuple[Float64Array, Float64Array] | None = None,
+    ) -> Changes:
+        """What changes from frame to frame without what pixels have in common, in strips of rows.
+
+        common : deviations to be subtracted of some rows, (N, rows, columns) or broadcast to it, and the factor by
+            which that makes variances too small.
+        maps : filled with mean and variance of each pixel, (H, W).
+        """
+        (height, width), frames = self.shape, len(self)
+        rows, columns = np.empty((frames, height)), np.zeros((frames, width))
+        level, sums = float(self.frame_means[0]), np.zeros(4)
+        for strip in self.strips():
+            block = np.asarray(self.frames[:, strip], np.float64, copy=True)
+            mean = block.mean(axis=0)
+            deviation, grown = common(strip)
+            block -= mean
+            block -= deviation
+            rows[:, strip] = block @ np.full(width, 1 / width)
+            columns += block.sum(axis=1) / height
+            variance = np.einsum("nij,nij->ij", block, block) * grown / max(frames - 1, 1)
+            if maps is not None:
+                maps[0][strip], maps[1][strip] = mean, variance
+            mean -= level
+            sums += mean.sum(), np.vdot(mean, mean), variance.sum(), np.vdot(variance, variance)
+        first, second, total, square = (sums / (height * width)).tolist()
+        of_means = (second - first**2) * height * width / max(height * width - 1, 1)
+        return Changes(level + first, max(of_means, 0.0), total, square, rows, columns)
 
     @cached_property
     def clipping(self) -> Clipping:
         """Shares of the values at the ends of the range."""
-        return Clipping.measure(self.frames, self.bits)
+        found = Clipping.measure(self.frames, self.bits)
+        self.release()
+        return found
 
     @cached_property
     def frame_means(self) -> Float64Array:
@@ -210,6 +260,13 @@ class Stack:
         height = max(1, STRIP_VALUES // (len(self) * self.shape[1]))
         for top in range(0, rows, height):
             yield slice(top, min(top + height, rows))
+        self.release()
+
+    def release(self) -> None:
+        """Let the system take back the memory of frames that lie on disk; they are read again where they are needed."""
+        mapped = getattr(self.frames, "_mmap", None)
+        if mapped is not None and hasattr(mmap, "MADV_DONTNEED"):
+            mapped.madvise(mmap.MADV_DONTNEED)
 
     def require_one_filter(self) -> None:
         """Raises InputError for a mosaic, whose pixels differ by their colour filters."""
@@ -226,6 +283,15 @@ class Stack:
             photons = photons[rows, columns]
         return replace(self, frames=self.frames[:, rows, columns], photons=photons)
 
+    def centre(self, side: int) -> Stack:
+        """So many rows and columns about the centre of the frames, at most as many as there are."""
+        rows, columns = (
+            slice(begin, begin + min(size, side))
+            for size in self.shape
+            for begin in [max(0, (size - side) // 2)]
+        )
+        return self.window(rows, columns)
+
     def of_filters(self) -> dict[str, Stack]:
         """The pixels behind each place of the tile apart, by the name of its colour filter, as EMVA 1288 asks.
 
@@ -235,27 +301,29 @@ class Stack:
         if not self.tile:
             return {"": self}
         stacks: dict[str, Stack] = {}
-        occurred: dict[str, int] = {}
         for row, names in enumerate(self.tile):
             for column, name in enumerate(names):
-                occurred[name] = occurred.get(name, 0) + 1
-                key = name
-                if occurred[name] > 1:
-                    key = f"{name} ({occurred[name]})"
-                rows, columns = (
-                    slice(row, None, len(self.tile)),
-                    slice(column, None, len(names)),
+                again = sum(key.partition(" (")[0] == name for key in stacks)
+                part = self.window(
+                    slice(row, None, len(self.tile)), slice(column, None, len(names))
                 )
-                stacks[key] = replace(self.window(rows, columns), tile=())
+                key = f"{name} ({again + 1})" if again else name
+                stacks[key] = replace(part, tile=())
         return stacks
 
 
-def centre(stack: Stack, side: int) -> Stack:
-    """So many rows and columns about the centre of the frames, at most as many as there are."""
-    rows, columns = (_central_slice(size, side) for size in stack.shape)
-    return stack.window(rows, columns)
+def merged(notes: Iterable[str]) -> list[str]:
+    """Notes without those that differ from an earlier one by numbers and by the stack before the colon alone.
 
-
-def _central_slice(size: int, side: int) -> slice:
-    begin = max(0, (size - side) // 2)
-    return slice(begin, begin + min(size, side))
+    What is left is the first one's, and says how many more stacks it is of.
+    """
+    groups: dict[str, list[str]] = {}
+    for note in dict.fromkeys(notes):
+        kind = NUMBER.sub("#", note.rpartition(": ")[2])
+        groups.setdefault(kind, []).append(note)
+    sentences: list[str] = []
+    for first, *others in groups.values():
+        if others:
+            first += f" (and {len(others)} more stack{'s' * (len(others) > 1)} alike)"
+        sentences.append(first)
+    return sentences

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from ...core import InputError
 from ...core.types import Float64Array
-from .stack import Stack, centre
+from ..statistics.mean_squares import MeanSquares, mean_squares_of
+from .stack import Changes, Stack
 
 FEWEST_PIXELS = 16
 GROUP_PIXELS, MOST_GROUPS, WIDTH = 64, 100, 3.0
@@ -24,12 +25,9 @@ DRIFT_FALSE_ALARM = 1e-4
 """Share of the stacks without drift in which drift is reported."""
 FLICKER_SIGMAS, FLICKER_ROWS = 3.72, 4
 """A normal number is larger by chance in 1e-4 of the stacks; crosstalk and coupling do not reach so many rows."""
-LINES_FALSE_ALARM = 1e-3
-"""Share of the stacks with independent pixels in which rows or columns are taken as what fluctuates together."""
 
 
-@dataclass(frozen=True, eq=False)
-class Maps:
+class Maps(NamedTuple):
     """Mean [DN] and unbiased variance [DN²] of each pixel over the frames, (H, W), to be filled by :func:`temporal`."""
 
     mean: Float64Array
@@ -45,27 +43,31 @@ class Maps:
 class Temporal:
     """Each pixel over the frames of a stack, and each frame over its pixels.
 
-    mean : of all values [DN].  variance : mean over the pixels of their variance over the frames [DN²], unbiased,
-    without the fluctuation that the pixels of a frame share.  frames : N.
-    of_means, of_variances : variances over the pixels of their means [DN²] and of their variances [DN⁴].
-    pixels : their number.  drift_dn : standard deviation of the frames' means beyond their noise [DN], 0 where none was
-    found.  lines_error : standard error of the variance that noise of whole rows and columns brings [DN²]: there are
-    few.
+    mean : of all values [DN].  of_means : variance over the pixels of their means [DN²].  frames : N.
+    squares : mean squares of what changes from frame to frame, without what the pixels of a frame share.
+    drift_dn : standard deviation of the frames' means beyond their noise [DN], 0 where none was found.
     """
 
     mean: float
-    variance: float
     of_means: float
-    of_variances: float
     frames: int
-    pixels: int
+    squares: MeanSquares
     drift_dn: float
-    lines_error: float
+
+    @property
+    def pixels(self) -> int:
+        """Their number."""
+        return self.squares.shape[0] * self.squares.shape[1]
+
+    @property
+    def variance(self) -> float:
+        """Mean over the pixels of their variance over the frames, unbiased [DN²]."""
+        return sum(term.value for term in self.squares.terms())
 
     @property
     def variance_error(self) -> float:
-        """Standard error of the variance [DN²], from its scatter over pixels and by lines_error."""
-        return math.hypot(math.sqrt(self.of_variances / self.pixels), self.lines_error)
+        """Standard error of the variance [DN²]: of the pixels, and of what whole rows and columns share."""
+        return math.sqrt(sum(2 * term.value**2 / term.freedom for term in self.squares.terms()))
 
     @property
     def spread_dn(self) -> float:
@@ -103,7 +105,7 @@ def flicker_dn(stack: Stack) -> float:
 
 def neighbour_correlation(stack: Stack) -> float:
     """Correlation of the temporal noise of horizontal neighbours, without what rows, columns and frames share."""
-    some = centre(stack, CORRELATED)
+    some = stack.centre(CORRELATED)
     rest = some.frames[1].astype(np.float64) - some.frames[0]
     rest -= rest.mean(axis=1, keepdims=True)
     rest -= rest.mean(axis=0, keepdims=True)
@@ -124,123 +126,43 @@ def flicker_note(stack: Stack, removed: str) -> str:
 def temporal_within_rows(stack: Stack) -> Temporal:
     """Statistics over the frames, without the mean of each row in each frame. Raises InputError as temporal does."""
     _check_stack(stack)
-    height, width = stack.shape
-    number = np.broadcast_to(np.arange(height)[:, None], stack.shape)
+    number = np.broadcast_to(np.arange(stack.shape[0])[:, None], stack.shape)
     common = stack.row_means - stack.row_means.mean(axis=0)
-    return _statistics(
-        stack, _Groups(number, common, np.full(height, width / (width - 1))), None
-    )
+    groups = _Groups.of(number, common)
+    return _found(stack, stack.changes_without(groups.common_to), 0.0)
 
 
 def temporal(stack: Stack, maps: Maps | None = None) -> Temporal:
     """Statistics over the frames; those of each pixel are written into maps where some are given.
 
     In each frame the mean of pixels that are equally bright is removed, so that light or a black level that drifts is
-    not taken as noise; EMVA 1288 R4 6.6 removes the mean of all pixels, which is the same for flat fields, and so does
-    this where drift moves no pixel more than others by what noise hides. Groups of 64 pixels or so are equally bright:
-    one where the pixels' means differ by noise alone, more of them the more they differ, at most 100.
+    not taken as noise; EMVA 1288 R4 6.6 removes the mean of all pixels, which is the same for flat fields. Groups of 64
+    pixels or so are equally bright: one where the pixels' means differ by noise alone, more of them the more they
+    differ, at most 100.
 
     Raises InputError for a single frame, fewer than 16 pixels, and mosaics.
     """
     _check_stack(stack)
-    plain = _statistics(stack, None, maps)
-    if plain.drift_dn and _drift_is_seen_in_pixels(plain):
-        return _statistics(stack, _group_equally_bright(stack, plain), maps)
-    return plain
+    plain = _found(stack, stack.changes, 0.0)
+    between = float(stack.frame_means.var(ddof=1))
+    expected, freedom = plain.squares.variance_of_mean(), len(stack) - 1
+    drift_dn = 0.0
+    if between > expected * float(scipy.special.chdtri(freedom, DRIFT_FALSE_ALARM)) / freedom:
+        drift_dn = math.sqrt(between - expected)
+    count = _count_groups(plain)
+    if drift_dn and count > 1:
+        groups = _group_equally_bright(stack, count)
+    elif maps is None:
+        return _found(stack, stack.changes, drift_dn)
+    else:
+        drift = stack.frame_means - stack.frame_means.mean()
+        groups = _Groups.of(np.zeros(stack.shape, np.intp), drift[:, None])
+    return _found(stack, stack.changes_without(groups.common_to, maps), drift_dn)
 
 
-def _drift_is_seen_in_pixels(plain: Temporal) -> bool:
-    """Whether light that drifts moves pixels of different brightness differently, by what their variance shows.
-
-    The signal is taken as a tenth of the mean or more: black level is the rest.
-    """
-    level = max(abs(plain.mean), 1e-300)
-    moved_dn = 10 * plain.drift_dn / level * math.sqrt(plain.of_means)
-    freedom = (plain.frames - 1) * plain.pixels
-    return moved_dn**2 > 0.1 * plain.variance * math.sqrt(2 / freedom)
-
-
-def _statistics(stack: Stack, groups: _Groups | None, maps: Maps | None) -> Temporal:
-    """Statistics over the frames without the mean of each group of pixels in each frame; of all pixels where None."""
-    frames, pixels = len(stack), stack.shape[0] * stack.shape[1]
-    freedom = frames - 1
-    drift = stack.frame_means - stack.frame_means.mean()
-    rows, columns = np.empty((frames, stack.shape[0])), np.zeros((frames, stack.shape[1]))
-    per_row = np.full(stack.shape[1], 1 / stack.shape[1])
-    of_means, of_variances = RunningVariance(), RunningVariance()
-    for strip in stack.strips():
-        block = np.asarray(stack.frames[:, strip], np.float64, copy=True)
-        mean = block.mean(axis=0)
-        block -= mean
-        unbiased: float | Float64Array = pixels / (pixels - 1) / freedom
-        if groups is None:
-            block -= drift[:, None, None]
-        else:
-            number = groups.number[strip]
-            block -= groups.common[:, number]
-            unbiased = groups.grown[number] / freedom
-        rows[:, strip] = block @ per_row
-        columns += block.sum(axis=1)
-        variance = np.einsum("nij,nij->ij", block, block)
-        variance *= unbiased
-        of_means.add(mean)
-        of_variances.add(variance)
-        if maps is not None:
-            maps.mean[strip], maps.variance[strip] = mean, variance
-    columns /= stack.shape[0]
-    alone = of_variances.mean / pixels
-    return Temporal(
-        mean=of_means.mean,
-        variance=of_variances.mean,
-        of_means=of_means.variance,
-        of_variances=of_variances.variance,
-        frames=frames,
-        pixels=pixels,
-        drift_dn=_drift_dn(stack, rows, columns, alone),
-        lines_error=_error_by_lines(rows, columns, freedom, alone),
-    )
-
-
-@dataclass
-class RunningVariance:
-    """Mean and variance of values that come in parts (Chan, Golub and LeVeque 1983)."""
-
-    count: int = 0
-    mean: float = 0.0
-    squares: float = 0.0
-
-    def add(self, values: Float64Array) -> None:
-        """Some more values."""
-        mean = float(values.mean())
-        rest = values - mean
-        count = self.count + values.size
-        step = mean - self.mean
-        self.squares += float(np.vdot(rest, rest)) + step**2 * self.count * values.size / count
-        self.mean += step * values.size / count
-        self.count = count
-
-    @property
-    def variance(self) -> float:
-        """Unbiased variance of all values."""
-        return self.squares / max(self.count - 1, 1)
-
-
-def _drift_dn(stack: Stack, rows: Float64Array, columns: Float64Array, alone: float) -> float:
-    """Standard deviation of the frames' means beyond their noise [DN], 0 where chance explains it.
-
-    rows, columns : deviations of lines from their means, (N, lines) [DN].  alone : variance of the frames' means by
-    noise of the pixels alone [DN²].
-    """
-    freedom = len(stack) - 1
-    expected = max(
-        alone,
-        _variance_by_shared_noise(rows, freedom, alone),
-        _variance_by_shared_noise(columns, freedom, alone),
-    )
-    between_frames = float(stack.frame_means.var(ddof=1))
-    if between_frames > max(expected * _limit_of_ratio(freedom, DRIFT_FALSE_ALARM), 0.0):
-        return math.sqrt(between_frames - expected)
-    return 0.0
+def _found(stack: Stack, changes: Changes, drift_dn: float) -> Temporal:
+    squares = mean_squares_of(changes, stack.shape)
+    return Temporal(changes.mean, changes.of_means, len(stack), squares, drift_dn)
 
 
 class _Groups(NamedTuple):
@@ -251,21 +173,30 @@ class _Groups(NamedTuple):
     common: Float64Array
     grown: Float64Array
 
+    @classmethod
+    def of(cls, number: NDArray[np.intp], common: Float64Array) -> Self:
+        """Groups of two pixels or more."""
+        sizes = np.bincount(number.ravel(), minlength=common.shape[1])
+        return cls(number, common, sizes / np.maximum(sizes - 1, 1))
 
-def _group_equally_bright(stack: Stack, plain: Temporal) -> _Groups:
+    def common_to(self, rows: slice) -> tuple[Float64Array, Float64Array]:
+        """What the pixels of some rows have in common with their groups, and by how much that makes variances small."""
+        number = self.number[rows]
+        return self.common[:, number], self.grown[number]
+
+
+def _group_equally_bright(stack: Stack, count: int) -> _Groups:
     """Groups of pixels whose means are about equal: about as many pixels are in each."""
     mean = stack.frames.mean(axis=0, dtype=np.float64)
-    some = np.sort(mean.ravel()[:: max(1, mean.size // MOST_SORTED)])
-    count = _count_groups(plain)
-    edges = np.unique(some[np.arange(1, count) * some.size // count])
+    some = mean.ravel()[:: max(1, mean.size // MOST_SORTED)]
+    edges = np.unique(np.quantile(some, np.arange(1, count) / count))
     number = np.searchsorted(edges, mean, side="right")
-    sizes = np.bincount(number.ravel(), minlength=len(edges) + 1)
+    sizes = np.maximum(np.bincount(number.ravel(), minlength=len(edges) + 1), 1)
     sums = [
         np.bincount(number.ravel(), (frame - mean).ravel(), len(sizes))
         for frame in stack.frames
     ]
-    common = np.array(sums) / np.maximum(sizes, 1)
-    return _Groups(number, common, sizes / np.maximum(sizes - 1, 1))
+    return _Groups.of(number, np.array(sums) / sizes)
 
 
 def _count_groups(plain: Temporal) -> int:
@@ -273,22 +204,9 @@ def _count_groups(plain: Temporal) -> int:
 
     Otherwise noise would decide which group a row belongs to.
     """
-    noise = math.sqrt(plain.variance / plain.frames)
-    wide = 1.0
-    if noise:
-        wide = math.sqrt(plain.of_means) / (WIDTH * noise)
-    return max(1, min(int(wide), plain.pixels // GROUP_PIXELS, MOST_GROUPS))
-
-
-def _variance_by_shared_noise(lines: Float64Array, freedom: int, alone: float) -> float:
-    """Variance of the frames' means by noise that whole rows or columns share, 0 where there is none; (N, lines).
-
-    alone : that by noise of the pixels alone [DN²].
-    """
-    count = lines.shape[1]
-    between = float((lines**2).sum()) / freedom / max(count - 1, 1) / count
-    limit = _limit_of_ratio(freedom * max(count - 1, 1), LINES_FALSE_ALARM)
-    return between if between > alone * limit else 0.0
+    noise = math.sqrt(plain.variance / plain.frames) or 1e-300
+    wide = math.sqrt(plain.of_means) / (WIDTH * noise)
+    return int(max(1, min(wide, plain.pixels // GROUP_PIXELS, MOST_GROUPS)))
 
 
 def _check_stack(stack: Stack) -> None:
@@ -301,26 +219,3 @@ def _check_stack(stack: Stack) -> None:
             f"{stack.source}: frames of {stack.shape} have fewer than {FEWEST_PIXELS} pixels; pass more."
         )
     stack.require_one_filter()
-
-
-def _error_by_lines(
-    rows: Float64Array, columns: Float64Array, freedom: int, alone: float
-) -> float:
-    """Standard error of the mean variance by what rows and columns share in each frame, (N, lines) [DN²].
-
-    The variance of such noise has as many degrees of freedom as there are lines in all frames, less those of means.
-    alone : variance of the frames' means by noise of the pixels alone [DN²].
-    """
-    square = 0.0
-    for lines in (rows, columns):
-        free = freedom * (lines.shape[1] - 1)
-        if free > 0:
-            between = float((lines**2).sum()) / free
-            of_pixels = alone * lines.shape[1]
-            square += 2 * max(between - of_pixels, 0.0) ** 2 / free
-    return math.sqrt(square)
-
-
-def _limit_of_ratio(freedom: float, false_alarm: float) -> float:
-    """Ratio of an estimated to the true variance that is exceeded in this share of the cases."""
-    return float(scipy.special.chdtri(freedom, false_alarm)) / freedom

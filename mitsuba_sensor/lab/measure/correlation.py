@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from ...core import InputError
 from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped, mark_coarse
 from ..frames.stack import Stack
-from ..quantity import Quantity, no_value, student_interval
+from ..quantity import Figures, Quantity, no_value, student_interval
 from ..statistics.estimators import standard_error
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ SECTION = "autocorrelation of temporal noise"
 
 
 @dataclass(frozen=True, eq=False)
-class Correlation:
+class Correlation(Figures):
     """Of the deviations from each pixel's mean over the frames; 0 for noise that is new in every pixel and frame.
 
     temporal : by lag in frames, from 1 on.  horizontal, vertical : of neighbouring pixels.
@@ -31,18 +32,11 @@ class Correlation:
     horizontal: Quantity
     vertical: Quantity
 
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """All coefficients: over the lags, then of horizontal and of vertical neighbours."""
-        return *self.temporal, self.horizontal, self.vertical
-
     def plot(self, ax: Axes) -> None:
         """Temporal correlation against the lag, with the 95 % intervals."""
-        lags = range(1, len(self.temporal) + 1)
-        values = np.array([coefficient.value for coefficient in self.temporal])
-        lows = np.array([coefficient.low for coefficient in self.temporal])
-        highs = np.array([coefficient.high for coefficient in self.temporal])
-        bars = np.abs([lows - values, highs - values])
+        ends = np.array([(one.value, one.low, one.high) for one in self.temporal])
+        values, bars = ends[:, 0], np.abs(ends[:, 1:] - ends[:, :1]).T
+        lags = range(1, len(values) + 1)
         ax.errorbar(lags, values, yerr=bars, fmt="o", ms=4, capsize=2, label="temporal")
         ax.axhline(0, color="0.4", lw=1)
         ax.set(xlabel="lag [frames]", ylabel="correlation coefficient")
@@ -67,23 +61,30 @@ def correlation(stack: Stack, lags: int = 8) -> Correlation:
     by_side = np.full((2, frames), np.nan)
     if frames > 2 and clipping.usable:
         by_lag, by_side = _mean_products(stack, most)
-    note = ""
-    if clipping.note:
-        note = clipping.note
-    elif frames < 3:
-        note = "fewer than 3 frames"
+    note = clipping.note or ("fewer than 3 frames" if frames < 3 else "")
 
-    def coefficient(symbol: str, what: str, values: Float64Array) -> Quantity:
-        figure = mark_clipped(_mean_with_interval(symbol, what, values), stack)
-        return mark_coarse(figure, stack).noted(note)
+    def coefficient(end: str, what: str, values: Float64Array) -> Quantity:
+        name = f"correlation of temporal noise {what}"
+        figure = no_value(f"ρ_{end}", name, "", SECTION)
+        mean = float(values.mean())
+        if math.isnan(mean):
+            figure = figure.noted("nothing to compare with")
+        elif len(values) == 1:
+            figure = figure.with_interval((mean, -1.0, 1.0)).noted("one row gives no interval")
+        else:
+            error = standard_error(values)
+            figure = figure.with_interval(student_interval(mean, error, len(values) - 1))
+        return mark_coarse(mark_clipped(figure, stack), stack).noted(note)
 
-    temporal: list[Quantity] = []
-    for lag, values in enumerate(by_lag, start=1):
-        temporal.append(coefficient(f"ρ_{lag}", f"over {lag} frames", values + 1 / frames))
     grown = frames / max(frames - 1, 1)
-    horizontal = coefficient("ρ_horizontal", "of horizontal neighbours", by_side[0] * grown)
-    vertical = coefficient("ρ_vertical", "of vertical neighbours", by_side[1] * grown)
-    return Correlation(tuple(temporal), horizontal, vertical)
+    return Correlation(
+        tuple(
+            coefficient(f"{lag}", f"over {lag} frames", values + 1 / frames)
+            for lag, values in enumerate(by_lag, start=1)
+        ),
+        coefficient("horizontal", "of horizontal neighbours", by_side[0] * grown),
+        coefficient("vertical", "of vertical neighbours", by_side[1] * grown),
+    )
 
 
 def _mean_products(stack: Stack, lags: int) -> tuple[Float64Array, Float64Array]:
@@ -114,16 +115,3 @@ def _mean_products(stack: Stack, lags: int) -> tuple[Float64Array, Float64Array]
     pairs = np.array([[height * (width - 1)], [width * (height - 1)]], float)
     pairs[pairs == 0] = np.nan
     return by_lag / width / variance, by_side / pairs / variance
-
-
-def _mean_with_interval(symbol: str, what: str, values: Float64Array) -> Quantity:
-    """Mean and Student's interval of independent values of the same expectation."""
-    name = f"correlation of temporal noise {what}"
-    if np.isnan(values).any():
-        return no_value(symbol, name, "", SECTION, "nothing to compare with")
-    mean = float(values.mean())
-    if len(values) == 1:
-        note = "one row gives no interval"
-        return Quantity(symbol, name, mean, -1.0, 1.0, "", SECTION, note)
-    interval = student_interval(mean, standard_error(values), len(values) - 1)
-    return Quantity(symbol, name, *interval, "", SECTION)

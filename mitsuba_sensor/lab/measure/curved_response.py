@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.polynomial.polynomial import polyval
+from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 
 from ...core.types import Float64Array
-from ..frames.series import Level, Series
+from ..frames.series import Series
 from ..frames.stack import rounding_shift_dn
 from ..quantity import TWO_SIDED, normal_interval, student_interval
 from .photon_transfer import PhotonTransfer, photon_transfer
@@ -39,28 +39,14 @@ FALSE_ALARM = 1e-3
 """The same by the scatter of the levels, which light that is not what is stated makes larger."""
 MOST_HIDDEN = 0.02
 """Part of the largest signal by which a response may be curved without a note that the levels do not show it."""
-NEWTON_STEPS = 12
 SHARES = 0.0, 0.25, 0.5, 0.75, 1.0
 """Of the dark noise, that may arise before the response is curved."""
+GRID, LEAST_SLOPE = 4097, 0.1
+"""Points of a response that is inverted, and the slope at which it ends."""
 OF_SMALL_SIGNALS = (
     "of small signals: the response is curved, and variances are divided by the square of its slope; EMVA 1288 Linear "
     "takes the curve as a line"
 )
-TOO_FEW = (
-    "levels of known light below 90 % of the largest mean: {}, which cannot tell whether the response is curved; "
-    "take 3 or more"
-)
-UNDECIDED = "{} levels do not tell a curve of {:.2g} % from light that is not what is stated; the interval holds both"
-HIDDEN = "{} levels do not tell a curve of up to {:.2g} % from a line"
-"""In the notes of figures."""
-
-
-def straight(signal: Float64Array, curvature: float) -> Float64Array:
-    """s of y; signals beyond the vertex are taken to be at it.  signal, curvature : y [DN], κ [1/DN]."""
-    if not curvature:
-        return signal
-    root = np.sqrt(np.maximum(1 + 4 * curvature * signal, 1e-9))
-    return np.asarray((root - 1) / (2 * curvature))
 
 
 @dataclass(frozen=True)
@@ -87,37 +73,60 @@ class Curve:
         if self.kappa:
             return OF_SMALL_SIGNALS
         if self.levels < FEWEST:
-            return TOO_FEW.format(self.levels)
+            return (
+                f"levels of known light below 90 % of the largest mean: {self.levels}, which cannot tell whether the "
+                "response is curved; take 3 or more"
+            )
+        percent = 100 * min(self.hidden, 1e6)
         if self.possible:
-            return UNDECIDED.format(self.levels, 100 * self.hidden)
+            return (
+                f"{self.levels} levels do not tell a curve of {percent:.2g} % from light that is not what is stated; "
+                "the interval holds both"
+            )
         if self.hidden > MOST_HIDDEN:
-            return HIDDEN.format(self.levels, 100 * self.hidden)
+            return (
+                f"{self.levels} levels do not tell a curve of up to {percent:.2g} % from a line"
+            )
         return ""
-
-    @property
-    def possible_kappa(self) -> float:
-        """κ of the possible curve, or 0 [1/DN]."""
-        if self.possible is None:
-            return 0.0
-        return self.possible.kappa
 
     def __bool__(self) -> bool:
         return bool(self.kappa)
 
     def straight(self, signal: Float64Array) -> Float64Array:
-        """s of y [DN], by Newton's method where it is no parabola."""
-        linear = straight(signal, self.kappa)
-        if len(self.terms) < 2:
-            return linear
-        for _ in range(NEWTON_STEPS):
-            excess = linear * polyval(linear, (1.0, *self.terms)) - signal
-            linear = linear - excess / np.maximum(self.slope(linear), 0.1)
-        return linear
+        """s of y [DN]; signals beyond the end of the curve are taken to be at it."""
+        grid = np.linspace(0.0, 2 * float(np.abs(signal).max()), GRID)
+        grid = grid[: np.argmax(np.append(self.slope(grid), 0.0) < LEAST_SLOPE)]
+        curved = np.interp(signal, grid * polyval(grid, (1.0, *self.terms)), grid)
+        return np.where(signal > 0, curved, signal)
 
     def slope(self, linear: Float64Array) -> Float64Array:
         """dy/ds at s [DN]."""
-        weighted = [(power + 2) * term for power, term in enumerate(self.terms)]
-        return np.asarray(polyval(linear, (1.0, *weighted)))
+        return np.asarray(polyval(linear, polyder((0.0, 1.0, *self.terms))))
+
+    def relative_slope(self, signal: float) -> float:
+        """(dy/y)/(ds/s) at a signal y [DN]: by how much more than in proportion y grows with the light."""
+        linear = self.straight(np.array(signal))
+        return float(self.slope(linear) * linear) / signal
+
+    def straighten(self, measured: Series, scaled: float = 0.0) -> Series:
+        """The levels that a linear response would have given: variances over the square of the slope.
+
+        scaled : share of the dark noise's variance that arises before the response is curved, and is scaled by its
+        slope.
+        """
+        signal = self.straight(measured.signal)
+        squares = self.slope(signal) ** 2
+        dark_mean, dark_dn2 = measured.of_darks("mean"), measured.of_darks("variance")
+        light_dn2 = measured.of_flats("variance") - (1 - scaled + scaled * squares) * dark_dn2
+        variance = np.maximum(dark_dn2 + light_dn2 / squares, 0.0)
+        columns = dark_mean + signal, variance, measured.of_flats("variance_error") / squares
+        flats = [
+            replace(flat, mean=mean, variance=variance, variance_error=error)
+            for flat, mean, variance, error in zip(
+                measured.flats, *(column.tolist() for column in columns), strict=True
+            )
+        ]
+        return replace(measured, flats=tuple(flats))
 
 
 def curvature(measured: Series, end: Peak) -> Curve:
@@ -128,34 +137,37 @@ def curvature(measured: Series, end: Peak) -> Curve:
     if levels < FEWEST:
         return Curve(levels=levels)
     errors, dark_shift = _errors(measured, used)
-    start, largest = float(y[0] / x[0]), float(y.max())
-
-    def deviations(p: Float64Array) -> Float64Array:
-        model = start * p[0] * x * (1 + p[1] * start * p[0] * x / largest)
-        return np.asarray((model - y) / errors)
-
-    fit = scipy.optimize.least_squares(deviations, (1.0, 0.0))
-    bend, freedom = float(fit.x[1]), len(x) - 2
-    covariance = np.linalg.inv(fit.jac.T @ fit.jac)
-    own = math.sqrt(float(covariance[1, 1]))
-    of_dark = float((covariance @ fit.jac.T @ (dark_shift / errors))[1])
-    by_noise, by_scatter = CURVED * math.hypot(own, of_dark), math.inf
-    scatter = 1.0
-    if freedom:
-        scatter = 2 * float(fit.cost) / freedom
-        quantile = float(scipy.special.stdtrit(freedom, 1 - FALSE_ALARM / 2))
-        by_scatter = quantile * math.hypot(own * math.sqrt(scatter), of_dark)
-    if abs(bend) < by_noise:
-        return Curve(levels=levels, hidden=by_noise)
-    interval = normal_interval(bend / largest, math.hypot(own, of_dark) / largest)
+    x, largest = x / x.max(), float(y.max())
+    (a, b), inverse, chi2, influence = _polynomial(x, y, errors, 2)
+    bend, freedom = float(b / a**2), len(x) - 2
+    slopes = np.array([-2 * bend / a, 1 / a**2])
+    own = math.sqrt(float(slopes @ inverse @ slopes))
+    of_dark = float(slopes @ influence @ dark_shift)
+    scatter = chi2 / freedom if freedom else 1.0
+    by_noise, wider = math.hypot(own, of_dark), math.hypot(own * math.sqrt(scatter), of_dark)
+    hidden = CURVED * by_noise * largest
+    if abs(bend) * largest < hidden:
+        return Curve(levels=levels, hidden=hidden)
+    interval = normal_interval(bend, by_noise)
     if scatter > 1:
-        error = math.hypot(own * math.sqrt(scatter), of_dark) / largest
-        interval = student_interval(bend / largest, error, freedom)
-    terms = _higher_terms(x / x.max(), y, errors) or (bend / largest,)
-    curve = Curve(*interval, terms, levels)
-    if abs(bend) < by_scatter:
-        return Curve(levels=levels, hidden=abs(bend), possible=curve)
+        interval = student_interval(bend, wider, freedom)
+    curve = Curve(*interval, _higher_terms(x, y, errors) or (bend,), levels)
+    limit = float(scipy.special.stdtrit(freedom, 1 - FALSE_ALARM / 2)) if freedom else math.inf
+    if abs(bend) < limit * wider:
+        return Curve(levels=levels, hidden=abs(bend) * largest, possible=curve)
     return curve
+
+
+def _polynomial(
+    x: Float64Array, y: Float64Array, errors: Float64Array, terms: int
+) -> tuple[Float64Array, Float64Array, float, Float64Array]:
+    """Factors of x, x², … by weighted least squares, their covariance, χ², and what each y changes in the factors."""
+    powers = x[:, None] ** np.arange(1, terms + 1) / errors[:, None]
+    inverse = np.linalg.pinv(powers.T @ powers)
+    influence = inverse @ powers.T / errors
+    factors = influence @ y
+    chi2 = float(np.square(powers @ factors - y / errors).sum())
+    return factors, np.asarray(inverse), chi2, influence
 
 
 def _select_levels(measured: Series, end: Peak) -> NDArray[np.bool_]:
@@ -176,15 +188,13 @@ def _higher_terms(x: Float64Array, y: Float64Array, errors: Float64Array) -> tup
     A term is taken where it is 3.3 of its standard errors, with the scatter about the curve that has it.
     """
     found: tuple[float, ...] = ()
-    for count in range(2, MOST_TERMS + 1):
-        powers = x[:, None] ** np.arange(1, count + 2) / errors[:, None]
-        freedom = len(x) - count - 1
+    for count in range(3, MOST_TERMS + 2):
+        freedom = len(x) - count
         if freedom < 3:
             break
-        inverse = np.linalg.pinv(powers.T @ powers)
-        factors = inverse @ powers.T @ (y / errors)
-        scatter = max(1.0, float(np.square(powers @ factors - y / errors).sum()) / freedom)
-        limit = CURVED * float(scipy.special.stdtrit(freedom, 0.975)) / 1.96
+        factors, inverse, chi2, _ = _polynomial(x, y, errors, count)
+        scatter = max(1.0, chi2 / freedom)
+        limit = CURVED * float(scipy.special.stdtrit(freedom, 0.975)) / TWO_SIDED
         if abs(factors[-1]) > limit * math.sqrt(float(inverse[-1, -1]) * scatter):
             found = tuple(float(a / factors[0] ** (k + 2)) for k, a in enumerate(factors[1:]))
     return found
@@ -208,70 +218,38 @@ def _errors(measured: Series, used: NDArray[np.bool_]) -> tuple[Float64Array, Fl
 def _shift_by_rounding(measured: Series, of: Callable[[str], Float64Array]) -> Float64Array:
     """Standard deviation of what rounding to whole codes may add to means of levels [DN]."""
     total_dn2 = of("variance") + of("spread") ** 2
-    if not measured.whole:
-        return np.zeros_like(total_dn2)
-    return np.array([rounding_shift_dn(float(x)) for x in total_dn2])
+    return np.array([rounding_shift_dn(float(x)) if measured.whole else 0.0 for x in total_dn2])
 
 
-def straighten(measured: Series, curve: Curve, scaled: float = 0.0) -> Series:
-    """The levels that a linear response would have given: variances over the square of the slope.
+def small_signals(measured: Series, curve: Curve) -> tuple[Series, PhotonTransfer]:
+    """Levels as a linear response would have given them, and photon transfer of small signals along them.
 
-    scaled : share of the dark noise's variance that arises before the response is curved, and is scaled by its slope.
+    K is that of a line and of a curve where both are possible.
     """
-    flats: list[Level] = []
-    for flat, dark_number in zip(measured.flats, measured.dark_of, strict=True):
-        dark = measured.darks[dark_number]
-        linear_dn = curve.straight(np.array(flat.mean - dark.mean))
-        signal, slope = float(linear_dn), float(curve.slope(linear_dn))
-        light_dn2 = (
-            flat.variance - (1 - scaled + scaled * slope**2) * dark.variance
-        ) / slope**2
-        linear = replace(
-            flat,
-            mean=dark.mean + signal,
-            variance=max(dark.variance + light_dn2, 0.0),
-            variance_error=flat.variance_error / slope**2,
-        )
-        flats.append(linear)
-    return replace(measured, flats=tuple(flats))
-
-
-@dataclass(frozen=True, eq=False)
-class SmallSignals:
-    """levels : as a linear response would have given them.  transfer : photon transfer along them."""
-
-    levels: Series
-    transfer: PhotonTransfer
-
-
-def small_signals(measured: Series, curve: Curve) -> SmallSignals:
-    """Photon transfer of small signals along a response; K of a line and of a curve where both are possible."""
     if curve:
-        found = _along(measured, curve)
+        levels, transfer = _along(measured, curve)
     else:
-        found = SmallSignals(measured, photon_transfer(measured))
-    gain = found.transfer.gain.noted(curve.note)
+        levels, transfer = measured, photon_transfer(measured)
+    gain = transfer.gain.noted(curve.note)
     if curve.possible:
-        gain = gain.extended(_along(measured, curve.possible).transfer.gain)
-    return replace(found, transfer=replace(found.transfer, gain=gain))
+        gain = gain.extended(_along(measured, curve.possible)[1].gain)
+    return levels, replace(transfer, gain=gain)
 
 
-def _along(measured: Series, curve: Curve) -> SmallSignals:
+def _along(measured: Series, curve: Curve) -> tuple[Series, PhotonTransfer]:
     """Photon transfer along a curve, with the share of the dark noise before it that fits the levels best.
 
     The interval holds K with the shares that noise does not tell from that.
     """
-    found: list[SmallSignals] = []
-    for scaled in SHARES:
-        levels = straighten(measured, curve, scaled)
-        found.append(SmallSignals(levels, photon_transfer(levels)))
-    misfits = [_misfit(each.transfer) for each in found]
+    levels = [curve.straighten(measured, scaled) for scaled in SHARES]
+    transfers = list(map(photon_transfer, levels))
+    misfits = list(map(_misfit, transfers))
     best = int(np.argmin(misfits))
-    gain = found[best].transfer.gain
-    for each, misfit in zip(found, misfits, strict=True):
+    gain = transfers[best].gain
+    for transfer, misfit in zip(transfers, misfits, strict=True):
         if misfit < misfits[best] + TWO_SIDED**2:
-            gain = gain.extended(each.transfer.gain)
-    return replace(found[best], transfer=replace(found[best].transfer, gain=gain))
+            gain = gain.extended(transfer.gain)
+    return levels[best], replace(transfers[best], gain=gain)
 
 
 def _misfit(transfer: PhotonTransfer) -> float:
@@ -279,9 +257,3 @@ def _misfit(transfer: PhotonTransfer) -> float:
     used = transfer.fitted
     off = transfer.variance[used] - transfer.gain.value * transfer.signal[used]
     return float(np.square(off / np.maximum(transfer.errors[used], 1e-300)).sum())
-
-
-def relative_slope(signal: float, kappa: float) -> float:
-    """(dy/y)/(ds/s) at a signal y [DN]: by how much more than in proportion y grows with the light."""
-    linear = float(straight(np.array(signal), kappa))
-    return (1 + 2 * kappa * linear) / (1 + kappa * linear)

@@ -14,9 +14,9 @@ from ...core import InputError
 from ...core.types import Float64Array
 from ..frames.clipping import ClippedError
 from ..frames.stack import Stack, rounding_shift_dn
-from ..quantity import LEVEL, Quantity, no_value
+from ..quantity import TWO_SIDED, Figures, Quantity, no_value, upper_bound
 from ..statistics.line_fits import StraightLine, straight_line
-from ..statistics.mean_squares import MeanSquares, temporal_mean_squares
+from ..statistics.mean_squares import temporal_mean_squares
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +31,7 @@ BOLTZMANN_EV_PER_K = 8.617333262e-5
 
 
 @dataclass(frozen=True, eq=False)
-class DarkCurrentOverTime:
+class DarkCurrentOverTime(Figures):
     """Dark signal against exposure time.
 
     from_mean : slope of the mean [DN/s].
@@ -47,22 +47,10 @@ class DarkCurrentOverTime:
     mean: Float64Array
     mean_error: Float64Array
 
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """The dark current from the mean and from the variance."""
-        return self.from_mean, self.from_variance
-
     def plot(self, ax: Axes) -> None:
         """Mean dark signal against exposure time, with the straight line."""
-        ax.errorbar(
-            self.exposure_s,
-            self.mean,
-            yerr=self.mean_error,
-            fmt="o",
-            ms=4,
-            capsize=2,
-            label="measured",
-        )
+        points = self.exposure_s, self.mean, self.mean_error
+        ax.errorbar(*points, fmt="o", ms=4, capsize=2, label="measured")
         ends = np.array([0.0, self.exposure_s.max()])
         ax.plot(ends, self.line.offset + self.line.slope * ends, lw=1, label="straight line")
         ax.set(xlabel="exposure time [s]", ylabel="mean dark signal [DN]")
@@ -77,21 +65,21 @@ def dark_current(stacks: Sequence[Stack]) -> DarkCurrentOverTime:
     Raises InputError for mosaics, stacks of different sizes, temperatures or gains, and fewer than 2 exposure times.
     """
     used, note = _without_clipped(stacks)
-    noise = [temporal_mean_squares(stack) if len(stack) > 1 else None for stack in used]
     times_s = np.array([stack.exposure_s for stack in used])
     mean = np.array([stack.frame_means.mean() for stack in used])
-    mean_error, freedom = errors_of_means(used, noise)
+    mean_error, freedom = errors_of_means(used)
     line = straight_line(times_s, mean, mean_error, freedom)
     from_mean = Quantity(
         "µ_I.mean", "dark current from the mean", *line.interval, "DN/s", SECTION, line.note
     )
+    from_variance = _current_from_variance(used)
     return DarkCurrentOverTime(
-        from_mean=_note_no_current(from_mean).noted(note),
-        from_variance=_note_no_current(_current_from_variance(used, noise)).noted(note),
-        line=line,
-        exposure_s=times_s,
-        mean=mean,
-        mean_error=mean_error,
+        _note_no_current(from_mean).noted(note),
+        _note_no_current(from_variance).noted(note),
+        line,
+        times_s,
+        mean,
+        mean_error,
     )
 
 
@@ -102,35 +90,25 @@ def _note_no_current(current: Quantity) -> Quantity:
             "negative: the black level falls with the exposure time (it drifts, or follows masked pixels), "
             "which hides the dark current"
         )
-    if current.low <= 0:
-        return current.noted("not told from 0")
-    return current
+    return current.noted("not told from 0" if current.low <= 0 else "")
 
 
-def _current_from_variance(
-    stacks: Sequence[Stack], noise: Sequence[MeanSquares | None]
-) -> Quantity:
+def _current_from_variance(stacks: Sequence[Stack]) -> Quantity:
     """Slope of the temporal variance over the exposure time, of the stacks of 2 frames or more [DN²/s]."""
-    symbol, name = "µ_I.var", "dark current from the variance"
-    times_s: list[float] = []
-    variances: list[float] = []
-    errors: list[float] = []
-    hidden: list[float] = []
-    coarse = ""
-    for stack, squares in zip(stacks, noise, strict=True):
-        if squares is None or stack.coarse:
-            coarse = coarse or stack.coarse
-            continue
-        terms = squares.variance()
-        times_s.append(stack.exposure_s)
-        variances.append(sum(term.value for term in terms))
-        errors.append(math.sqrt(sum(2 * term.value**2 / term.freedom for term in terms)))
-        hidden.append(2 * stack.clipping.share * float(stack.variance.mean()))
-    if len(set(times_s)) < 2:
-        few = coarse or "fewer than 2 exposure times have 2 frames"
-        return no_value(symbol, name, "DN²/s", SECTION, few)
-    line = straight_line(np.array(times_s), np.array(variances), np.hypot(errors, hidden))
-    return Quantity(symbol, name, *line.interval, "DN²/s", SECTION, line.note)
+    like = no_value("µ_I.var", "dark current from the variance", "DN²/s", SECTION)
+    shown = [stack for stack in stacks if len(stack) > 1 and not stack.coarse]
+    if len({stack.exposure_s for stack in shown}) < 2:
+        coarse = next(filter(None, (stack.coarse for stack in stacks)), "")
+        return like.noted(coarse or "fewer than 2 exposure times have 2 frames")
+    points: list[tuple[float, float, float]] = []
+    for stack in shown:
+        terms = temporal_mean_squares(stack).terms()
+        error = math.sqrt(sum(2 * term.value**2 / term.freedom for term in terms))
+        hidden = 2 * stack.clipping.share * stack.changes.variance
+        value = sum(term.value for term in terms)
+        points.append((stack.exposure_s, value, math.hypot(error, hidden)))
+    line = straight_line(*np.array(points).T)
+    return like.with_interval(line.interval).noted(line.note)
 
 
 def _without_clipped(stacks: Sequence[Stack]) -> tuple[list[Stack], str]:
@@ -153,32 +131,25 @@ def _without_clipped(stacks: Sequence[Stack]) -> tuple[list[Stack], str]:
     times = {stack.exposure_s for stack in used}
     if len(times) < 2:
         notes = [f" {stack.exposure_s:g} s: {stack.clipping.note}." for stack in clipped]
-        message = (
+        any_clipped = any(stack.clipping.clipped for stack in stacks)
+        raise (ClippedError if any_clipped else InputError)(
             "dark current needs 2 exposure times without clipped values; "
             f"there are {len(times)}.{''.join(notes)}"
         )
-        if any(stack.clipping.clipped for stack in stacks):
-            raise ClippedError(message)
-        raise InputError(message)
     left_out = [f"{stack.exposure_s:g} s left out ({stack.clipping.note})" for stack in clipped]
     return used, "; ".join(left_out)
 
 
-def errors_of_means(
-    stacks: Sequence[Stack], noise: Sequence[MeanSquares | None]
-) -> tuple[Float64Array, float]:
+def errors_of_means(stacks: Sequence[Stack]) -> tuple[Float64Array, float]:
     """Standard error of every stack's mean, and its degrees of freedom: of pixels and lines, of what rounding adds, and
-    of drift if there is more scatter between frames than these give."""
-    known_noise = [squares for squares in noise if squares is not None]
-    if len(known_noise) < len(noise):
+    of drift if there is more scatter between frames than these give. NaN where a stack has one frame."""
+    if min(map(len, stacks)) < 2:
         return np.full(len(stacks), np.nan), 1.0
-    expected = np.array([squares.variance_of_mean() for squares in known_noise])
-    hidden = np.array(
-        [stack.clipping.share**2 * float(stack.variance.mean()) for stack in stacks]
-    )
+    expected = np.array([temporal_mean_squares(stack).variance_of_mean() for stack in stacks])
+    hidden = np.array([stack.clipping.share**2 * stack.changes.variance for stack in stacks])
     for number, stack in enumerate(stacks):
         if stack.whole_codes:
-            total_dn2 = float(stack.variance.mean() + stack.mean.var())
+            total_dn2 = stack.changes.variance + stack.changes.of_means
             hidden[number] += rounding_shift_dn(total_dn2) ** 2
     scatter = np.array([stack.frame_means.var(ddof=1) for stack in stacks])
     frames = np.array([len(stack) for stack in stacks])
@@ -192,7 +163,7 @@ def errors_of_means(
 
 
 @dataclass(frozen=True, eq=False)
-class DarkTemperature:
+class DarkTemperature(Figures):
     """Laws of dark current over temperature, each fitted to its logarithm.
 
     doubling : T_d of D ∝ 2^(T/T_d) [K].  activation : E_a of D ∝ exp(−E_a/kT) [eV]; half the band gap where traps in
@@ -205,11 +176,6 @@ class DarkTemperature:
     temperature_k: Float64Array
     current: Float64Array
     unit: str
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Doubling temperature and activation energy."""
-        return self.doubling, self.activation
 
     def plot(self, ax: Axes) -> None:
         """Arrhenius plot: logarithm of dark current against 1/kT."""
@@ -232,37 +198,28 @@ def dark_temperature(currents: Mapping[float, Quantity]) -> DarkTemperature:
         raise InputError(
             f"temperatures {sorted(currents)} K, units {units}; temperatures are above 0, all units equal."
         )
-    used: dict[float, Quantity] = {}
-    left_out: list[str] = []
-    for t, quantity in sorted(currents.items()):
-        if quantity.low > 0:
-            used[t] = quantity
-        else:
-            left_out.append(f"{t:g} K left out: not told from 0")
+    used = {t: current for t, current in sorted(currents.items()) if current.low > 0}
+    left_out = [f"{t:g} K left out: not told from 0" for t in sorted({*currents} - {*used})]
     if len(used) < 2:
         raise InputError(
             f"it needs a dark current above 0 at 2 temperatures or more; the frames have it at {len(used)} of "
             f"{len(currents)}."
         )
     temperature_k = np.array(list(used))
-    current = np.array([quantity.value for quantity in used.values()])
-    z = float(scipy.special.ndtri((1 + LEVEL) / 2))
-    error = np.array(
-        [math.log(quantity.high / quantity.low) / (2 * z) for quantity in used.values()]
-    )
+    value, low, high = np.array([(one.value, one.low, one.high) for one in used.values()]).T
+    error = np.log(high / low) / (2 * TWO_SIDED)
     note = "; ".join(left_out)
-    octaves = straight_line(temperature_k, np.log2(current), error / math.log(2))
-    slope, low, high = octaves.interval
-    interval, not_rising = (math.nan, 0.0, math.inf), NOT_RISING
-    if low > 0:
-        interval, not_rising = (1 / slope, 1 / high, 1 / low), ""
-    doubling = Quantity(
-        "T_d", "doubling temperature", *interval, "K", TEMPERATURE_SECTION, octaves.note
-    ).noted(not_rising)
-    energy = straight_line(-1 / (BOLTZMANN_EV_PER_K * temperature_k), np.log(current), error)
+    doubling = no_value("T_d", "doubling temperature", "K", TEMPERATURE_SECTION)
+    octaves = straight_line(temperature_k, np.log2(value), error / math.log(2))
+    slope, least, most = octaves.interval
+    if least > 0:
+        doubling = doubling.with_interval((1 / slope, 1 / most, 1 / least)).noted(octaves.note)
+    else:
+        doubling = upper_bound(doubling, math.inf, octaves.note).noted(NOT_RISING)
+    energy = straight_line(-1 / (BOLTZMANN_EV_PER_K * temperature_k), np.log(value), error)
     activation = Quantity(
         "E_a", "activation energy", *energy.interval, "eV", "Arrhenius law", energy.note
     )
     return DarkTemperature(
-        doubling.noted(note), activation.noted(note), temperature_k, current, units[0]
+        doubling.noted(note), activation.noted(note), temperature_k, value, units[0]
     )

@@ -5,57 +5,35 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped_sigma
-from ..frames.notes import merged
 from ..frames.series import Level, coarse_codes, measure_level
-from ..frames.stack import ROUNDING_DN2, Stack, coarse_note, rounding_error_dn2
+from ..frames.stack import ROUNDING_DN2, Stack, coarse_note, merged, rounding_error_dn2
 from ..quantity import (
+    Figures,
     Quantity,
-    hidden_by_clipping,
     no_value,
     normal_interval,
     quotient,
     unknown,
     upper_bound,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from ..statistics.line_fits import straight_line
 
 SECTION = "EMVA 1288 R4 6.6"
 BOUND_DN, ANALOGUE_BOUND_DN = 0.49, 0.40
 """Upper bounds of σ_y.dark and of K·σ_d where the variance is below 0.24 DN², EMVA 1288 R4 2.2."""
-NO_NOISE = no_value("σ_y.dark", "temporal dark noise", "DN", SECTION)
 
 
 @dataclass(frozen=True, eq=False)
-class DarkNoise:
-    """total : σ_y.dark [DN], rounding included.  analogue : the same without rounding [DN].  electrons : σ_d [e-].
-
-    points : exposure times [s] and variances [DN²] of the dark stacks.
-    """
+class DarkNoise(Figures):
+    """total : σ_y.dark [DN], rounding included.  analogue : the same without rounding [DN].  electrons : σ_d [e-]."""
 
     total: Quantity
     analogue: Quantity
     electrons: Quantity
-    points: tuple[Float64Array, Float64Array]
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Total and analogue noise [DN], and the noise in electrons."""
-        return self.total, self.analogue, self.electrons
-
-    def plot(self, axes: Axes) -> None:
-        """Variance in the dark against exposure time, and the variance that is taken at time zero."""
-        axes.plot(*self.points, "o", markersize=3, label="dark frames")
-        label = "temporal dark noise, squared"
-        axes.axhline(self.total.value**2, color="black", linewidth=1, label=label)
-        axes.set(xlabel="exposure time [s]", ylabel="temporal variance in the dark [DN²]")
 
 
 def dark_noise(
@@ -75,46 +53,42 @@ def dark_noise(
     """
     if levels is None:
         levels = [measure_level(stack) for stack in darks]
-    used, notes = _without_clipped(darks)
-    darks, levels = [darks[k] for k in used], [levels[k] for k in used]
+    pairs, notes = _without_clipped(list(zip(darks, levels, strict=True)))
+    darks, levels = [stack for stack, _ in pairs], [level for _, level in pairs]
     shortest = min(darks, key=lambda stack: stack.exposure_s)
-    for level in levels:
-        notes += level.notes
-    note = "; ".join(merged([*notes, *coarse_codes(darks)]))
+    notes += [note for level in levels for note in level.notes]
     variance = _variance_at_zero(levels)
-    total = _root(variance, 0.0)
-    analogue = replace(total, symbol="K·σ_d")
-    if all(stack.whole_codes for stack in darks):
-        coarse = coarse_note(variance[0])
-        analogue = replace(_root(variance, ROUNDING_DN2), symbol="K·σ_d")
-        if coarse:
-            total = upper_bound(total, BOUND_DN, coarse)
-            analogue = upper_bound(analogue, ANALOGUE_BOUND_DN, coarse)
-    if shortest.clipping.clipped:
-        total = hidden_by_clipping(total, shortest.clipping.note)
-        analogue = hidden_by_clipping(analogue, shortest.clipping.note)
-    elif shortest.clipping.share:
-        total = mark_clipped_sigma(total, shortest)
-        analogue = mark_clipped_sigma(analogue, shortest)
-    total, analogue = total.noted(note), analogue.noted(note)
-    times = np.array([level.exposure_s for level in levels])
-    variances = np.array([level.variance for level in levels])
-    electrons = _noise_in_electrons(analogue, gain)
-    return DarkNoise(total, analogue, electrons, (times, variances))
+    whole = all(stack.whole_codes for stack in darks)
+    coarse = coarse_note(variance[0]) if whole else ""
+
+    def figure(symbol: str, rounding_dn2: float, bound: float) -> Quantity:
+        like = no_value(symbol, "temporal dark noise", "DN", SECTION)
+        if shortest.clipping.clipped:
+            noise = unknown(like, shortest.clipping.note, clipped=True)
+        elif coarse:
+            noise = upper_bound(like, bound, coarse)
+        else:
+            noise = like.with_interval(_root(variance, rounding_dn2))
+            noise = mark_clipped_sigma(noise, shortest) if shortest.clipping.share else noise
+        return noise.noted("; ".join(merged([*notes, *coarse_codes(darks)])))
+
+    analogue = figure("K·σ_d", ROUNDING_DN2 if whole else 0.0, ANALOGUE_BOUND_DN)
+    total = figure("σ_y.dark", 0.0, BOUND_DN)
+    return DarkNoise(total, analogue, _noise_in_electrons(analogue, gain))
 
 
-def _without_clipped(darks: Sequence[Stack]) -> tuple[list[int], list[str]]:
-    """Numbers of the stacks that show the noise at exposure time 0, and notes about the others; all where none do."""
-    inside = [k for k, stack in enumerate(darks) if not stack.clipping.clipped]
-    times = {darks[k].exposure_s for k in inside}
-    shortest_s = min(stack.exposure_s for stack in darks)
-    if shortest_s not in times and len(times) < 3:
-        return list(range(len(darks))), []
-    notes: list[str] = []
-    for stack in darks:
-        if stack.clipping.clipped:
-            notes.append(f"{stack.exposure_s:g} s left out ({stack.clipping.note})")
-    return inside, notes
+def _without_clipped(
+    darks: list[tuple[Stack, Level]],
+) -> tuple[list[tuple[Stack, Level]], list[str]]:
+    """The stacks that show the noise at exposure time 0, and notes about the others; all where none do."""
+    inside = [pair for pair in darks if not pair[0].clipping.clipped]
+    times = {stack.exposure_s for stack, _ in inside}
+    if min(stack.exposure_s for stack, _ in darks) not in times and len(times) < 3:
+        return darks, []
+    clipped = [stack for stack, _ in darks if stack.clipping.clipped]
+    return inside, [
+        f"{stack.exposure_s:g} s left out ({stack.clipping.note})" for stack in clipped
+    ]
 
 
 def _variance_at_zero(levels: Sequence[Level]) -> tuple[float, float, float]:
@@ -123,32 +97,29 @@ def _variance_at_zero(levels: Sequence[Level]) -> tuple[float, float, float]:
     variances = np.array([level.variance for level in levels])
     errors = np.maximum([level.variance_error for level in levels], 1e-12)
     if len(set(times.tolist())) > 2:
-        variance = float(np.polynomial.polynomial.polyfit(times, variances, 1, w=1 / errors)[0])
-        basis = np.stack([np.ones_like(times), times], axis=1) / errors[:, None]
-        error = math.sqrt(float(np.linalg.inv(basis.T @ basis)[0, 0]))
-    else:
-        short = times == times.min()
-        variance = float(variances[short].mean())
-        error = float(np.sqrt((errors[short] ** 2).sum()) / short.sum())
-    return normal_interval(variance, error)
+        return straight_line(times, variances, errors).offset_interval
+    short = times == times.min()
+    error = float(np.sqrt((errors[short] ** 2).sum()) / short.sum())
+    return normal_interval(float(variances[short].mean()), error)
 
 
-def _root(variances: tuple[float, float, float], rounding_dn2: float) -> Quantity:
-    """Noise from (value, low, high) of its variance, of which rounding is subtracted with what it may differ by."""
+def _root(
+    variances: tuple[float, float, float], rounding_dn2: float
+) -> tuple[float, float, float]:
+    """(value, low, high) of the noise, of whose variance rounding is subtracted with what it may differ by."""
     value, low, high = variances
     error = rounding_error_dn2(value) if rounding_dn2 else 0.0
     middle = value - rounding_dn2
     down, up = math.hypot(value - low, error), math.hypot(high - value, error)
     value, low, high = (math.sqrt(max(v, 0.0)) for v in (middle, middle - down, middle + up))
-    return replace(NO_NOISE, value=value, low=low, high=high)
+    return value, low, high
 
 
 def _noise_in_electrons(analogue: Quantity, gain: Quantity | None) -> Quantity:
     """σ_d from K·σ_d and K."""
     like = replace(analogue, symbol="σ_d", unit="e-", note="")
     if gain is None:
-        return replace(unknown(like, "K is not known"), clipped=analogue.clipped)
-    if analogue.low > 0 or not gain.low > 0 or math.isnan(analogue.value):
-        return quotient(analogue, gain, like)
-    value, high = analogue.value / gain.value, analogue.high / gain.low
-    return replace(like, value=value, low=0.0, high=high, note=analogue.note)
+        return unknown(like, "K is not known")
+    if analogue.value == 0 and gain.low > 0:  # of which a quotient has no value
+        return like.with_interval((0.0, 0.0, analogue.high / gain.low)).noted(analogue.note)
+    return quotient(analogue, gain, like)

@@ -14,7 +14,7 @@ import scipy
 from ...core import InputError
 from ...core.types import Float64Array
 from ..frames.stack import Stack
-from ..quantity import Quantity
+from ..quantity import Figures
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,7 +54,7 @@ class Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class DarkSignal:
+class DarkSignal(Figures):
     """Signal of the pixels above the offset and what was fitted to it.
 
     values : sorted, (n,) [DN].  offset_dn : subtracted from the frames' mean [DN]; it is known, not fitted.
@@ -70,11 +70,6 @@ class DarkSignal:
     def best(self) -> Fit:
         """The fit with the smallest BIC."""
         return self.fits[0]
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """None: the instrument compares distributions."""
-        return ()
 
     @property
     def notes(self) -> tuple[str, ...]:

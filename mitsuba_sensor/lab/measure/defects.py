@@ -13,7 +13,7 @@ from ...core import InputError
 from ...core.types import Float64Array
 from ..frames.clipping import LARGEST_SHARE
 from ..frames.stack import Stack
-from ..quantity import Quantity, no_value, share_interval, unknown
+from ..quantity import Figures, Quantity, no_value, share_interval
 from ..statistics.estimators import z_limit
 
 if TYPE_CHECKING:
@@ -31,11 +31,8 @@ DEAD_SHARE = 0.5
 """
 
 
-NO_LIGHT = "no light was given"
-
-
 @dataclass(frozen=True, eq=False)
-class Defects:
+class Defects(Figures):
     """Pixels that differ from their neighbourhood by more than chance.
 
     hot : brighter in the dark.  dead : less than half of their neighbours' signal in light.
@@ -54,19 +51,12 @@ class Defects:
     z_light: Float64Array | None
     limit: float
 
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """The shares of hot, dead and deviating pixels."""
-        return self.hot_share, self.dead_share, self.deviating_share
-
     def plot(self, ax: Axes) -> None:
         """Numbers of pixels by their deviation, logarithmic, with the normal distribution and the limits."""
         deviations = {"dark": self.z_dark}
         if self.z_light is not None:
             deviations["light"] = self.z_light
-        ends = 1.3 * self.limit
-        for z in deviations.values():
-            ends = max(ends, float(np.abs(z).max()))
+        ends = max(1.3 * self.limit, *(float(np.abs(z).max()) for z in deviations.values()))
         edges = np.linspace(-ends, ends, 201)
         middle = 0.5 * (edges[1:] + edges[:-1])
         for name, z in deviations.items():
@@ -75,14 +65,10 @@ class Defects:
         normal = self.z_dark.size * np.diff(scipy.special.ndtr(edges))
         shown = normal > 0.1
         ax.plot(middle[shown], normal[shown], lw=1, color="0.4", label="normal distribution")
-        ax.axvline(-self.limit, color="0.4", ls="--", lw=1)
-        ax.axvline(self.limit, color="0.4", ls="--", lw=1, label="limit")
-        ax.set(
-            xlabel="deviation from the neighbourhood [σ]",
-            ylabel="number of pixels",
-            yscale="log",
-            ylim=(0.5, None),
-        )
+        for limit, label in ((-self.limit, None), (self.limit, "limit")):
+            ax.axvline(limit, color="0.4", ls="--", lw=1, label=label)
+        ax.set(xlabel="deviation from the neighbourhood [σ]", ylabel="number of pixels")
+        ax.set(yscale="log", ylim=(0.5, None))
 
 
 def defects(dark: Stack, light: Stack | None = None, false_alarm: float = 0.01) -> Defects:
@@ -93,52 +79,45 @@ def defects(dark: Stack, light: Stack | None = None, false_alarm: float = 0.01) 
     false_alarm : probability that one pixel or more of a sensor without defects is named, if its pixels are normal.
     Raises InputError for mosaics, light of another size, fewer than 100 pixels, and what is no probability.
     """
-    _check(dark, light, false_alarm)
+    dark.require_one_filter()
+    size = "none"
+    if light is not None:
+        light.require_one_filter()
+        size = f"{light.shape[0]} × {light.shape[1]}"
+    sizes_differ = light is not None and light.shape != dark.shape
+    if sizes_differ or dark.mean.size < 100 or not 0 < false_alarm < 1:
+        raise InputError(
+            f"dark frames are {dark.shape[0]} × {dark.shape[1]}, light {size}, false_alarm is {false_alarm!r}; pass "
+            "equal sizes of 100 pixels or more and a probability between 0 and 1."
+        )
     limit = z_limit(dark.mean.size, false_alarm)
     z_dark, _ = _deviations(dark.mean, dark)
     hot = z_dark > limit
-    in_the_dark = Defects(
+    found = Defects(
         hot=hot,
         dead=None,
         deviating=None,
         hot_share=_share("hot", hot, dark),
-        dead_share=no_value("dead", "share of dead pixels", "%", SECTION, NO_LIGHT),
-        deviating_share=no_value(
-            "deviating", "share of deviating pixels", "%", SECTION, NO_LIGHT
-        ),
+        dead_share=_share("dead", None),
+        deviating_share=_share("deviating", None),
         z_dark=z_dark,
         z_light=None,
         limit=limit,
     )
     if light is None:
-        return in_the_dark
+        return found
     signal = light.mean - dark.mean
     z_light, expected = _deviations(signal, light)
     dead = (z_light < -limit) & (signal < DEAD_SHARE * expected)
     deviating = (np.abs(z_light) > limit) & ~dead
     return replace(
-        in_the_dark,
+        found,
         dead=dead,
         deviating=deviating,
         dead_share=_share("dead", dead, light, dark),
         deviating_share=_share("deviating", deviating, light, dark),
         z_light=z_light,
     )
-
-
-def _check(dark: Stack, light: Stack | None, false_alarm: float) -> None:
-    """Raises InputError for stacks and probabilities that defects cannot be found with."""
-    dark.require_one_filter()
-    size, sizes_differ = "", False
-    if light is not None:
-        light.require_one_filter()
-        size = f", light {light.shape[0]} × {light.shape[1]}"
-        sizes_differ = light.shape != dark.shape
-    if sizes_differ or dark.mean.size < 100 or not 0 < false_alarm < 1:
-        raise InputError(
-            f"dark frames are {dark.shape[0]} × {dark.shape[1]}{size}, false_alarm is {false_alarm!r}; pass equal "
-            "sizes of 100 pixels or more and a probability between 0 and 1."
-        )
 
 
 def _deviations(image: Float64Array, stack: Stack) -> tuple[Float64Array, Float64Array]:
@@ -157,21 +136,23 @@ def _deviations(image: Float64Array, stack: Stack) -> tuple[Float64Array, Float6
     return rest / sigma, image - rest
 
 
-def _share(name: str, pixels: NDArray[np.bool_], *stacks: Stack) -> Quantity:
+def _share(name: str, pixels: NDArray[np.bool_] | None, *stacks: Stack) -> Quantity:
     """Share of these in all pixels.
 
     It has no value where noise is clipped; pixels that are at an end in every frame are defects.
     """
-    share = share_interval(int(pixels.sum()), pixels.size)
-    figure = Quantity(name, f"share of {name} pixels", *share, "", SECTION).scaled(100, "%")
+    figure = no_value(name, f"share of {name} pixels", "%", SECTION)
+    if pixels is None:
+        return figure.noted("no light was given")
+    share = share_interval(float(pixels.mean()), pixels.size)
+    figure = figure.with_interval(share).scaled(100, "%")
     for stack in stacks:
         clipping = stack.clipping
         shares = clipping.shares_of_pixels(stack.frames)
         now_and_then = float(shares[shares < 1].sum())
         noise_is_clipped = len(stack) == 1 or now_and_then > LARGEST_SHARE * shares.size
         most_are = np.count_nonzero(shares == 1) >= shares.size / 2
-        if clipping.clipped and (noise_is_clipped or most_are):
-            figure = replace(unknown(figure, figure.note), clipped=True).noted(clipping.note)
-        elif clipping.lowest == clipping.largest:
-            figure = unknown(figure, figure.note).noted(clipping.note)
+        hides = clipping.clipped and (noise_is_clipped or most_are)
+        if hides or clipping.lowest == clipping.largest:
+            figure = figure.without_value(clipping.note, clipped=hides)
     return figure

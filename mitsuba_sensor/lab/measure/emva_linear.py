@@ -12,13 +12,12 @@ import numpy as np
 from ...core.types import Float64Array
 from ..frames.selection import temporal_levels
 from ..frames.series import Report, Series, series
-from ..frames.stack import Stack, centre
+from ..frames.stack import Stack
 from ..frames.temporal import neighbour_correlation
 from ..quantity import Quantity, unknown
-from .curved_response import Curve, curvature, small_signals, straighten
+from .curved_response import Curve, curvature, small_signals
 from .dark_noise import DarkNoise, dark_noise
-from .log_axes import set_log_axes
-from .photon_transfer import PhotonTransfer, photon_transfer
+from .photon_transfer import PhotonTransfer, photon_transfer, set_log_axes
 from .radiometric import EFFICIENCY, TOO_EFFICIENT, Radiometric, radiometric
 from .saturation import NO_PHOTONS, Saturation, find_peak, saturation
 
@@ -64,8 +63,7 @@ class EmvaLinear:
 
     def __getitem__(self, symbol: str) -> Quantity:
         """A figure by its symbol: ``K``, ``η``, ``R``, ``LE``, ``σ_y.dark``, ``σ_d``, ``µ_e.sat``, ``DR``, …"""
-        by_symbol = {figure.symbol: figure for figure in self.quantities}
-        return by_symbol[symbol]
+        return {figure.symbol: figure for figure in self.quantities}[symbol]
 
 
 def emva_linear(
@@ -85,59 +83,43 @@ def emva_linear(
     """
     used = temporal_levels(flats)
     measured = series(darks, used, window, report)
-    curve = curvature(measured, find_peak(measured))
-    small = small_signals(measured, curve)
-    straightened, transfer = small.levels, small.transfer
+    end = find_peak(measured)
+    curve = curvature(measured, end)
+    straightened, transfer = small_signals(measured, curve)
     if smoothed := _note_smoothed(used):
         transfer = replace(transfer, gain=unknown(transfer.gain, smoothed))
-    light = _light_along(measured, curve, straightened)
-    efficiency = light.efficiency(transfer.gain)
+    gain, light = transfer.gain, _light_along(measured, curve, straightened)
+    efficiency = light.efficiency(gain)
     if window is not None:
-        darks = [centre(stack, window) for stack in darks]
-    dark = dark_noise(darks, transfer.gain, measured.darks)
+        darks = [stack.centre(window) for stack in darks]
+    dark = dark_noise(darks, gain, measured.darks)
     usable = efficiency
     if efficiency is not None and TOO_EFFICIENT in efficiency.note:
         usable = None  # the photons are not those of a pixel
-    ends = saturation(straightened, transfer.gain, usable, dark.total)
+    ends = saturation(straightened, gain, usable, dark.total)
+    notes = [*measured.notes, *_note_spatial_stacks(flats, used, measured)]
+    as_measured, rows = transfer, [gain]
     if curve:
-        signal = saturation(measured, transfer.gain, usable, dark.total).signal
-        ends = replace(ends, signal=signal)
-    notes = (*measured.notes, *_note_spatial_stacks(flats, used, measured))
-    as_measured, rows = transfer, [transfer.gain]
-    if curve:
+        ends = replace(ends, signal=saturation(measured, gain, usable, dark.total).signal)
         as_measured = photon_transfer(measured)
         name = f"{as_measured.gain.name} by a straight line"
         rows.append(replace(as_measured.gain, symbol="K_line", name=name))
-        notes += (
-            f"the response is curved: the slope changes by {_percent_curved(measured, curve):+.2g} %",
-        )
-    figures = [
-        *rows,
-        efficiency or unknown(EFFICIENCY, NO_PHOTONS),
-        *light.quantities,
-        *dark.quantities,
-        *ends.quantities,
-    ]
+        change = float(curve.slope(curve.straight(np.array(end.mean[0])))) - 1
+        notes.append(f"the response is curved: the slope changes by {100 * change:+.2g} %")
+    rows.append(efficiency or unknown(EFFICIENCY, NO_PHOTONS))
+    figures = [*rows, *light.quantities, *dark.quantities, *ends.quantities]
     if measured.notes:
         figures = [figure.noted("see the notes of the series") for figure in figures]
-    snr = signal_to_noise(straightened, transfer.gain, usable, dark.total)
+    snr = signal_to_noise(straightened, gain, usable, dark.total)
     parts = transfer, light, dark, ends, snr
-    return EmvaLinear(tuple(figures), *parts, notes, measured, curve, as_measured)
-
-
-def _percent_curved(measured: Series, curve: Curve) -> float:
-    """By how much the slope of the response at the end of the range differs from that at zero [%]."""
-    end = np.array(find_peak(measured).mean[0])
-    return 100 * (float(curve.slope(curve.straight(end))) - 1)
+    return EmvaLinear(tuple(figures), *parts, tuple(notes), measured, curve, as_measured)
 
 
 def _note_smoothed(flats: Sequence[Stack]) -> str:
     """Why frames that were denoised, resized or interpolated show no K, or nothing."""
     inside = [flat for flat in flats if flat.clipping.usable and flat.shape[1] > 8]
-    if not inside:
-        return ""
-    flat = sorted(inside, key=lambda stack: float(stack.frame_means[0]))[len(inside) // 2]
-    correlation = neighbour_correlation(flat)
+    inside.sort(key=lambda stack: float(stack.frame_means[0]))
+    correlation = neighbour_correlation(inside[len(inside) // 2]) if inside else 0.0
     if correlation < SMOOTHED:
         return ""
     return (
@@ -153,7 +135,7 @@ def _light_along(measured: Series, curve: Curve, straightened: Series) -> Radiom
     if curve:
         responsivity = radiometric(straightened).responsivity.noted(curve.note)
     if curve.possible:
-        other = radiometric(straighten(measured, curve.possible)).responsivity
+        other = radiometric(curve.possible.straighten(measured)).responsivity
         responsivity = responsivity.noted(curve.note).extended(other)
     return replace(light, responsivity=responsivity)
 
@@ -167,17 +149,14 @@ def _note_spatial_stacks(
         if any(flat is other for other in used):
             continue
         text = f"{len(flat)} frames"
-        if isinstance(flat.photons, int | float) and measured.photons_known and flat.photons:
+        if isinstance(flat.photons, int | float) and measured.photons_known:
             signal = float(flat.frame_means.mean() - measured.darks[0].mean)
             expected = float(np.interp(flat.photons, measured.light, measured.signal))
             if expected:
                 text += f", {100 * (signal / expected - 1):+.2g} % off these"
         texts.append(f"{flat.source} ({text})")
-    if not texts:
-        return []
-    return [
-        f"temporal figures are those of the levels of few frames, without {', '.join(texts)}"
-    ]
+    few = "temporal figures are those of the levels of few frames, without"
+    return [f"{few} {', '.join(texts)}"] if texts else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,14 +176,10 @@ class SignalToNoise:
     def plot(self, axes: Axes, log: bool = True) -> None:
         """Measured, model and ideal SNR; log for both axes logarithmic, as EMVA 1288 draws it."""
         shown = np.isfinite(self.measured)
-        axes.plot(self.light[shown], self.measured[shown], "o", markersize=3, label="measured")
-        axes.plot(self.light, self.model, linewidth=1, label="model")
-        axes.plot(
-            self.light, self.ideal, "--", color="black", linewidth=1, label="ideal sensor"
-        )
-        quanta = "photoelectrons"
-        if self.photons_known:
-            quanta = "photons"
+        axes.plot(self.light[shown], self.measured[shown], "o", ms=3, label="measured")
+        axes.plot(self.light, self.model, lw=1, label="model")
+        axes.plot(self.light, self.ideal, "--", color="black", lw=1, label="ideal sensor")
+        quanta = "photons" if self.photons_known else "photoelectrons"
         axes.set(xlabel=f"{quanta} per pixel", ylabel="SNR")
         if log:
             set_log_axes(axes)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...core.types import Float64Array
-from ..frames.clipping import mark_temporal_sigma
+from ..frames.clipping import mark_clipped_sigma, mark_coarse, mark_rounding
 from ..frames.stack import ROUNDING_DN2, Stack, rounding_error_dn2
-from ..quantity import Quantity, no_value
-from ..statistics.mean_squares import MeanSquare, root, temporal_mean_squares
+from ..quantity import Figures, Quantity, no_value
+from ..statistics.mean_squares import root, temporal_mean_squares
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,7 +21,7 @@ SECTION = "analysis of variance over frames"
 
 
 @dataclass(frozen=True, eq=False)
-class LineNoise:
+class LineNoise(Figures):
     """Temporal noise of rows, columns and pixels, whose squares add up to a pixel's temporal variance without rounding.
 
     row, column, pixel : standard deviations [DN].
@@ -33,11 +33,6 @@ class LineNoise:
     pixel: Quantity
     rows: Float64Array
     columns: Float64Array
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Row, column and pixel noise."""
-        return self.row, self.column, self.pixel
 
     def plot(self, ax: Axes) -> None:
         """Temporal noise of every line's mean; the smaller the noise of its pixels, the nearer to σ_row and σ_col."""
@@ -56,43 +51,30 @@ def line_noise(stack: Stack) -> LineNoise:
     leaves of its pixels' noise are removed. Raises InputError for a mosaic.
     """
     stack.require_one_filter()
-    rows, columns, pixels = _variance_terms(stack)
-    pixel = _noise("σ_pixel", "temporal pixel noise", pixels, stack)
-    if stack.whole_codes and len(stack) > 1:
-        pixel = _without_rounding(pixel, rounding_error_dn2(float(stack.variance.mean())))
+    squares = temporal_mean_squares(stack) if len(stack) > 1 else None
+
+    def noise(part: str, name: str) -> Quantity:
+        terms = [] if squares is None else squares.terms(part)
+        sigma = no_value(f"σ_{part}", f"temporal {name} noise", "DN", SECTION)
+        if terms:
+            sigma = sigma.with_interval(root(terms))
+        elif squares is not None:
+            sigma = sigma.noted(
+                "a single line of pixels: rows, columns and pixels are not told apart"
+            )
+        sigma = mark_coarse(mark_rounding(mark_clipped_sigma(sigma, stack), stack), stack)
+        return sigma.noted("not told from 0" if sigma.low == 0 else "")
+
+    pixel = noise("pixel", "pixel")
+    if stack.whole_codes and squares is not None:
+        pixel = _without_rounding(pixel, rounding_error_dn2(stack.changes.variance))
     return LineNoise(
-        row=_noise("σ_row", "temporal row noise", rows, stack),
-        column=_noise("σ_col", "temporal column noise", columns, stack),
+        row=noise("row", "row"),
+        column=noise("col", "column"),
         pixel=pixel,
         rows=_deviation_over_frames(stack.row_means),
         columns=_deviation_over_frames(stack.column_means),
     )
-
-
-def _variance_terms(
-    stack: Stack,
-) -> tuple[list[MeanSquare], list[MeanSquare], list[MeanSquare]]:
-    """Terms of the temporal variances of rows, columns and pixels, which one frame does not have."""
-    if len(stack) == 1:
-        return [], [], []
-    squares = temporal_mean_squares(stack)
-    return squares.row_variance(), squares.column_variance(), squares.pixel_variance()
-
-
-def _noise(symbol: str, name: str, terms: list[MeanSquare], stack: Stack) -> Quantity:
-    """The root of a variance with its interval [DN], and what restricts it."""
-    noise = no_value(symbol, name, "DN", SECTION)
-    if terms:
-        value, low, high = root(terms)
-        noise = replace(noise, value=value, low=low, high=high)
-    noise = mark_temporal_sigma(noise, stack)
-    if not terms and len(stack) > 1:
-        noise = noise.noted(
-            "a single line of pixels: rows, columns and pixels are not told apart"
-        )
-    if noise.low == 0:
-        noise = noise.noted("not told from 0")
-    return noise
 
 
 def _without_rounding(sigma: Quantity, error_dn2: float) -> Quantity:
@@ -101,8 +83,7 @@ def _without_rounding(sigma: Quantity, error_dn2: float) -> Quantity:
         return sigma
     removed_dn2 = ROUNDING_DN2 + np.array([0.0, error_dn2, -error_dn2])
     variances = np.square([sigma.value, sigma.low, sigma.high]) - removed_dn2
-    value, low, high = np.sqrt(np.maximum(variances, 0.0)).tolist()
-    return replace(sigma, value=value, low=low, high=high)
+    return sigma.with_interval(np.sqrt(np.maximum(variances, 0.0)).tolist())
 
 
 def _deviation_over_frames(means: Float64Array) -> Float64Array:

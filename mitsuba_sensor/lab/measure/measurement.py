@@ -6,12 +6,12 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...core import InputError
 from ..frames.bench import Bench
 from ..frames.clipping import ClippedError
-from ..frames.notes import merged
 from ..frames.selection import (
     black_level,
     by_temperature,
@@ -21,12 +21,10 @@ from ..frames.selection import (
     darks_of,
     half_saturated,
     longest_dark,
-    most_frames,
     shortest_dark,
 )
 from ..frames.soundness import sound
-from ..frames.stack import Stack
-from ..frames.stuck_lines import with_lines_filled
+from ..frames.stack import Stack, merged
 from ..quantity import Quantity
 from .correlation import correlation
 from .dark_current import DarkTemperature, dark_current, dark_temperature
@@ -38,7 +36,7 @@ from .nonuniformity import Nonuniformity, nonuniformity
 from .photon_transfer import PhotonTransfer, photon_transfer_of_scene
 from .profiles import profiles
 from .rts_pixels import rts_pixels
-from .spectrogram import Spectrogram, spectrograms
+from .spectrogram import spectrograms
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -171,12 +169,10 @@ def measure_bench(
             f"the bench has the gain settings {gains}; measure Bench.at_gain() of each."
         )
     rows = INSTRUMENTS if instruments is None else instruments
-    bench, saturated = sound(bench)
+    bench, notes = sound(bench)
 
     def measure_filter(name: str, part: Bench) -> Measurement:
-        responding, stuck = with_lines_filled(part)
-        notes = [note for note in (*bench.notes, saturated, stuck) if note]
-        measurement = Measurement(name, responding, notes=notes, report=report)
+        measurement = Measurement(name, part, notes=[*bench.notes, *notes], report=report)
         for instrument in rows:
             measurement.run(instrument)
         measurement.notes = merged(measurement.notes)
@@ -193,30 +189,27 @@ def linear_of(bench: Bench, report: Callable[[int, int], object] | None = None) 
     Raises InputError where no flat fields, or no dark frames, have two frames.
     """
     flats = [flat for flat in bench.flats if len(flat) > 1]
-    darks = [stack for stack in darks_of(bench) if len(stack) > 1]
+    darks = [stack for stack in bench.unlit if len(stack) > 1]
     if not flats or not darks:
         raise InputError(
             "K needs flat fields and dark frames, 2 frames or more of each; single frames have no temporal variance."
         )
-    nearest: dict[int, Stack] = {}
-    for flat in flats:
-        dark = min(darks, key=lambda stack: _distance(flat, stack))
-        nearest[id(dark)] = dark
-    return emva_linear(list(nearest.values()), flats, report=report)
 
+    def distance(flat: Stack, dark: Stack) -> tuple[float, float, int]:
+        """Dark frames of the same time and temperature come first, and of these the one with most frames."""
+        dark_k = dark.temperature_k or 0.0
+        warmer = abs(dark_k - (flat.temperature_k or dark_k))
+        return abs(dark.exposure_s - flat.exposure_s), warmer, -len(dark)
 
-def _distance(flat: Stack, dark: Stack) -> tuple[float, float, int]:
-    """Dark frames of the same time and temperature come first, and of these the one with most frames."""
-    dark_k = dark.temperature_k or 0.0
-    warmer = abs(dark_k - (flat.temperature_k or dark_k))
-    return abs(dark.exposure_s - flat.exposure_s), warmer, -len(dark)
+    nearest = [min(darks, key=partial(distance, flat)) for flat in flats]
+    return emva_linear(
+        list({id(dark): dark for dark in nearest}.values()), flats, report=report
+    )
 
 
 def half_and_dark(bench: Bench, linear: EmvaLinear | None) -> tuple[Stack, Stack]:
     """The dark frames of the flat field nearest to half of saturation, and this flat field."""
-    saturation_dn = None
-    if linear is not None:
-        saturation_dn = float(linear.photon_transfer.peak.mean[0])
+    saturation_dn = None if linear is None else float(linear.photon_transfer.peak.mean[0])
     half = half_saturated(bench, saturation_dn)
     return dark_for(bench, half), half
 
@@ -224,10 +217,7 @@ def half_and_dark(bench: Bench, linear: EmvaLinear | None) -> tuple[Stack, Stack
 def uniformity_of(bench: Bench, linear: EmvaLinear | None) -> Nonuniformity:
     """DSNU1288 and PRNU1288 of a bench, of the light where the response is curved."""
     dark, half = half_and_dark(bench, linear)
-    if linear is None:
-        return nonuniformity(dark, half)
-    kappa, possible = linear.curve.kappa, linear.curve.possible_kappa
-    return nonuniformity(dark, half, curvature=kappa, possible_curvature=possible)
+    return nonuniformity(dark, half, curve=None if linear is None else linear.curve)
 
 
 def over_temperature(bench: Bench) -> DarkTemperature:
@@ -253,60 +243,40 @@ def _linear_frames(measurement: Measurement) -> Iterator[object]:
     yield lambda done, total: measurement.report(f"photon transfer: {done} of {total} levels")
 
 
-def _scene(measurement: Measurement) -> Sequence[Stack]:
-    """The first scene. Raises InputError where there is none."""
-    return measurement.bench.scenes[:1]
-
-
 def _transfer_of_scene(*scenes: Stack) -> PhotonTransfer | tuple[()]:
     """The paper's photon transfer curve of the first scene, nothing without one."""
-    for scene in scenes:
-        transfer = photon_transfer_of_scene(scene)
-        section = "Konnik & Welsh 2014, section 4"
-        return replace(transfer, gain=replace(transfer.gain, symbol="K_scene", section=section))
-    return ()
+    if not scenes:
+        return ()
+    transfer = photon_transfer_of_scene(scenes[0])
+    section = "Konnik & Welsh 2014, section 4"
+    return replace(transfer, gain=replace(transfer.gain, symbol="K_scene", section=section))
 
 
 def _half(measurement: Measurement) -> tuple[Stack, Stack]:
     return half_and_dark(measurement.bench, _linear(measurement))
 
 
-class _Spectrograms(NamedTuple):
-    """Horizontal and vertical spectrograms of dark frames and of a flat field, by the name of the frames."""
+class _Drawn(NamedTuple):
+    """Figures and drawings of several results."""
 
-    found: dict[str, tuple[Spectrogram, Spectrogram]]
-
-    @property
-    def quantities(self) -> Iterator[Quantity]:
-        for name, both in self.found.items():
-            for one in both:
-                symbol = f"F_{one.direction}, {name}"
-                yield replace(one.non_whiteness, symbol=symbol)
-
-    @property
-    def plots(self) -> dict[str, Callable[[Axes], object]]:
-        return {
-            f"Spectrogram, {one.direction}, {name}": one.plot
-            for name, both in self.found.items()
-            for one in both
-        }
+    quantities: tuple[Quantity, ...]
+    plots: dict[str, Callable[[Axes], object]]
 
 
-def _spectrograms(dark: Stack, half: Stack) -> _Spectrograms:
-    return _Spectrograms(
-        {"darkness": spectrograms(dark), "half saturation": spectrograms(half)}
+def _spectrograms(dark: Stack, half: Stack) -> _Drawn:
+    """Horizontal and vertical spectrograms of dark frames and of a flat field."""
+    named = {"darkness": spectrograms(dark), "half saturation": spectrograms(half)}
+    found = {f"{one.direction}, {name}": one for name, both in named.items() for one in both}
+    figures = [replace(one.non_whiteness, symbol=f"F_{name}") for name, one in found.items()]
+    return _Drawn(
+        tuple(figures), {f"Spectrogram, {name}": one.plot for name, one in found.items()}
     )
 
 
-class _Profiles(NamedTuple):
+def _profiles(dark: Stack, half: Stack) -> _Drawn:
     """Drawings of the profiles of a flat field."""
-
-    plots: dict[str, Callable[[Axes], object]]
-    quantities: tuple[Quantity, ...] = ()
-
-
-def _profiles(dark: Stack, half: Stack) -> _Profiles:
-    return _Profiles({f"Profile, {one.direction}": one.plot for one in profiles(half, dark)})
+    plots = {f"Profile, {one.direction}": one.plot for one in profiles(half, dark)}
+    return _Drawn((), plots)
 
 
 def _dark_signal(bench: Bench) -> DarkSignal:
@@ -324,7 +294,11 @@ def _shortest(measurement: Measurement) -> tuple[Stack]:
 INSTRUMENTS: tuple[Instrument, ...] = (
     Instrument("photon transfer", _linear_frames, linear_of, "DN/e-", "EMVA 1288 R4 6.6"),
     Instrument(
-        "photon transfer of a scene", _scene, _transfer_of_scene, "DN/e-", "Konnik & Welsh 2014"
+        "photon transfer of a scene",
+        lambda m: m.bench.scenes[:1],
+        _transfer_of_scene,
+        "DN/e-",
+        "Konnik & Welsh 2014",
     ),
     Instrument(
         "row and column noise", _shortest, line_noise, "e-", "analysis of variance over frames"
@@ -353,7 +327,7 @@ INSTRUMENTS: tuple[Instrument, ...] = (
     Instrument("dark signal", _bench, _dark_signal, "DN", "BIC of four distributions"),
     Instrument(
         "RTS pixels",
-        lambda m: (most_frames(darks_of(m.bench)),),
+        lambda m: (max(darks_of(m.bench), key=len),),
         rts_pixels,
         "e-",
         "likelihood ratio of two levels and one",

@@ -11,7 +11,7 @@ from ...core import InputError, finite_numbers
 from ...core.errors import require_count
 from ...core.types import Float64Array
 from ..quantity import Quantity
-from ..statistics.noncentral import noncentrality_interval
+from ..statistics.estimators import noncentrality_interval
 
 SECTION = "Abdelhamed et al. 2019"
 FEWEST_IN_A_BIN = 10

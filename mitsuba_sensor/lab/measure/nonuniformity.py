@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,16 +14,15 @@ from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped_sigma, mark_rounding
 from ..frames.stack import ONE_FRAME, Stack
 from ..frames.temporal import flicker_note
-from ..quantity import Quantity, unknown
+from ..quantity import Figures, Quantity, unknown
 from ..statistics.mean_squares import (
-    MeanSquare,
     MeanSquares,
     root,
     spatial_mean_squares,
     temporal_mean_squares,
 )
 from ..statistics.outliers import Pixels, fill, note_left_out_pixels, outliers
-from .curved_response import relative_slope
+from .curved_response import Curve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,21 +30,15 @@ if TYPE_CHECKING:
 Noise = tuple[MeanSquares | None, float]
 """Mean squares of temporal noise over the number of frames, None for one frame; and how often they are added."""
 
-DSNU_SECTION, DSNU_PART_SECTION = "EMVA 1288 R4 eq. 66", "EMVA 1288 R4 eq. 42 and 66"
-PRNU_SECTION, PRNU_PART_SECTION = "EMVA 1288 R4 eq. 67", "EMVA 1288 R4 eq. 42 and 67"
 PAPER = "Konnik & Welsh 2014, PRNU"
 OF_LIGHT = "divided by the relative slope of the response, which is curved"
 MAYBE_OF_LIGHT = "the response may be curved; the interval holds PRNU divided by its slope"
-PARTS: dict[str, Callable[[MeanSquares], list[MeanSquare]]] = {
-    "": MeanSquares.variance,
-    "_row": MeanSquares.row_variance,
-    "_col": MeanSquares.column_variance,
-    "_pixel": MeanSquares.pixel_variance,
-}
+PARTS = {"": "all", "_row": "row", "_col": "col", "_pixel": "pixel"}
+"""Ends of symbols, and parts of mean squares."""
 
 
 @dataclass(frozen=True, eq=False)
-class Nonuniformity:
+class Nonuniformity(Figures):
     """Standard deviations over rows, columns and pixels of what does not change from frame to frame.
 
     dsnu, dsnu_row, dsnu_col, dsnu_pixel : in the dark [DN].
@@ -66,11 +58,6 @@ class Nonuniformity:
     paper_raw: Quantity
     paper: Quantity
     difference: Float64Array
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """All ten figures, DSNU first."""
-        return tuple(getattr(self, field.name) for field in fields(self)[:-1])
 
     def plot(self, ax: Axes) -> None:
         """Density of the pixels' deviation from the mean signal, and the normal law of the same standard deviation."""
@@ -92,11 +79,7 @@ class Nonuniformity:
 
 
 def nonuniformity(
-    dark: Stack,
-    light: Stack,
-    high_pass: bool | None = None,
-    curvature: float = 0.0,
-    possible_curvature: float = 0.0,
+    dark: Stack, light: Stack, high_pass: bool | None = None, curve: Curve | None = None
 ) -> Nonuniformity:
     """DSNU1288 and PRNU1288 of a dark stack and one of a flat field at half saturation, of the same exposure time.
 
@@ -109,14 +92,14 @@ def nonuniformity(
 
     high_pass : removes uneven light as EMVA 1288 R4 8.1 does, and corrects for what the filter takes of each part. None
         does so for PRNU where rows or columns show that the light is uneven, and a note says by how much.
-    curvature : κ of a response y = s(1 + κs) [1/DN], as emva_linear finds it: PRNU is then that of the light.
-    possible_curvature : κ of a curve that emva_linear does not tell from a line: PRNU has an interval that holds both.
+    curve : of the response, as emva_linear finds it: PRNU is then that of the light. Of a curve that is not told from a
+        line, PRNU has an interval that holds both.
 
     Raises InputError for stacks that do not fit, a mosaic, one pixel, and light that is not brighter than the dark.
     """
     _check(dark, light)
-    left_out = outliers(dark.mean) | outliers(light.mean - dark.mean)
     difference = light.mean - dark.mean
+    left_out = outliers(dark.mean) | outliers(difference)
     surface = uneven_light(fill(difference, left_out))
     measured = _measure_without(left_out, dark, light, bool(high_pass))
     whole = measured
@@ -133,27 +116,25 @@ def nonuniformity(
         else:
             uneven += ", which is part of it"
     signal = float(difference.mean())
-    percent = 100 / signal
+    flicker = flicker_note(light, "PRNU of rows and of all is not told from it")
     figures: dict[str, Quantity] = {}
     for name, figure in measured.items():
-        stacks = (dark, light) if figure.unit == "%" else (dark,)
-        if figure.unit == "%":
+        is_light = figure.unit == "%"
+        stacks, per_dn = ((dark, light), 100 / signal) if is_light else ((dark,), 1.0)
+        if is_light:
             figure = figure.noted(uneven)
         if note and math.isfinite(figure.value):
             value = whole[name].value
             figure = figure.noted(f"{note}; {value:.4g} {figure.unit} with them")
-        per_dn = percent if figure.unit == "%" else 1.0
-        figures[name] = mark_rounding(_mark(figure, *stacks), *stacks, per_dn=per_dn)
-    flicker = flicker_note(light, "PRNU of rows and of all is not told from it")
-    for name in ("prnu", "prnu_row", "paper", "paper_raw"):
-        if flicker:
-            figures[name] = unknown(figures[name], flicker)
-    for name, figure in figures.items():
-        if figure.unit == "%" and curvature:
-            figures[name] = _of_light(figure, relative_slope(signal, curvature))
-        if figure.unit == "%" and possible_curvature:
-            other = _of_light(figure, relative_slope(signal, possible_curvature))
-            figures[name] = figure.extended(other).noted(MAYBE_OF_LIGHT)
+        figure = mark_rounding(_mark(figure, *stacks), *stacks, per_dn=per_dn)
+        if flicker and name in ("prnu", "prnu_row", "paper", "paper_raw"):
+            figure = unknown(figure, flicker)
+        if is_light and curve:
+            figure = _of_light(figure, curve.relative_slope(signal))
+        if is_light and curve is not None and curve.possible:
+            other = _of_light(figure, curve.possible.relative_slope(signal))
+            figure = figure.extended(other).noted(MAYBE_OF_LIGHT)
+        figures[name] = figure
     return Nonuniformity(**figures, difference=difference - surface)
 
 
@@ -180,51 +161,43 @@ def _measure_without(
     difference_squares = spatial_mean_squares(difference, filled=filled).divided(power)
     dark_noise, light_noise = _noise_of_mean(dark, left_out), _noise_of_mean(light, left_out)
 
+    def sigma(
+        part: str, measured: MeanSquares, *noises: Noise, scale: float = 1.0
+    ) -> tuple[float, float, float]:
+        """(value, low, high) of the standard deviation without so much noise; no value if that is not known."""
+        left = measured.terms(part)
+        if not left:
+            return (math.nan,) * 3
+        if any(noise is None for noise, _ in noises):
+            return math.nan, 0.0, root(left, scale)[2]
+        for noise, times in noises:
+            left += [term.times(-times) for term in noise.terms(part)]  # type: ignore[union-attr]
+        return root(left, scale)
+
     figures: dict[str, Quantity] = {}
-    for part, terms in PARTS.items():
-        of_whole = part == ""
-        dsnu = _Spatial(terms, terms(dark_squares))
-        figures[f"dsnu{part}"] = Quantity(
-            f"DSNU1288{part}",
-            "dark signal non-uniformity",
-            *dsnu.sigma_without((dark_noise, 1)),
-            "DN",
-            DSNU_SECTION if of_whole else DSNU_PART_SECTION,
-        )
-        prnu = _Spatial(terms, terms(light_less_dark_squares))
-        figures[f"prnu{part}"] = Quantity(
-            f"PRNU1288{part}",
-            "photo response non-uniformity",
-            *prnu.sigma_without((light_noise, 1), (dark_noise, -1), scale=percent),
-            "%",
-            PRNU_SECTION if of_whole else PRNU_PART_SECTION,
-        )
+    of_light = (light_noise, 1.0), (dark_noise, -1.0)
+    for end, part in PARTS.items():
+        equation = "eq. 42 and" if end else "eq."
+        dsnu = sigma(part, dark_squares, (dark_noise, 1.0))
+        prnu = sigma(part, light_less_dark_squares, *of_light, scale=percent)
+        for symbol, name, interval, unit, number in (
+            ("DSNU", "dark signal non-uniformity", dsnu, "DN", 66),
+            ("PRNU", "photo response non-uniformity", prnu, "%", 67),
+        ):
+            figures[f"{symbol.lower()}{end}"] = Quantity(
+                f"{symbol}1288{end}",
+                name,
+                *interval,
+                unit,
+                f"EMVA 1288 R4 {equation} {number}",
+            )
     name = "standard deviation over mean, light minus dark"
-    sigma = _Spatial(MeanSquares.variance, difference_squares.variance())
-    raw = sigma.sigma_without(scale=percent)
+    noises = (light_noise, 1.0), (dark_noise, 1.0)
+    raw = sigma("all", difference_squares, scale=percent)
+    spatial = sigma("all", difference_squares, *noises, scale=percent)
     figures["paper_raw"] = Quantity("σ/µ raw", name, *raw, "%", PAPER)
-    spatial = sigma.sigma_without((light_noise, 1), (dark_noise, 1), scale=percent)
     figures["paper"] = Quantity("σ/µ", f"{name}, without temporal noise", *spatial, "%", PAPER)
     return figures
-
-
-@dataclass(frozen=True)
-class _Spatial:
-    """Terms of a measured variance, and how those of temporal noise are made."""
-
-    terms: Callable[[MeanSquares], list[MeanSquare]]
-    measured: list[MeanSquare]
-
-    def sigma_without(self, *noises: Noise, scale: float = 1.0) -> tuple[float, float, float]:
-        """(value, low, high) of the standard deviation without so much noise; no value if that is not known."""
-        if not self.measured:
-            return (math.nan,) * 3
-        removed: list[MeanSquare] = []
-        for noise, times in noises:
-            if noise is None:
-                return math.nan, 0.0, root(self.measured, scale)[2]
-            removed += [term.times(-times) for term in self.terms(noise)]
-        return root([*self.measured, *removed], scale)
 
 
 def _noise_of_mean(stack: Stack, left_out: Pixels) -> MeanSquares | None:

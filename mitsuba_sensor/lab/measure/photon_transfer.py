@@ -7,7 +7,7 @@ means (Konnik and Welsh 2014, section 4).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -20,9 +20,8 @@ from ..frames.clipping import LARGEST_SHARE, note_left_out
 from ..frames.series import Series
 from ..frames.stack import Stack
 from ..frames.temporal import Maps, temporal
-from ..quantity import Quantity, hidden_by_clipping, no_value, unknown
+from ..quantity import Figures, Quantity, no_value, unknown
 from ..statistics.line_fits import line_through_origin
-from .log_axes import set_log_axes
 from .saturation import Peak, find_peak, peak
 
 if TYPE_CHECKING:
@@ -34,10 +33,17 @@ BINS = 100
 FEWEST_OF_A_BIN = 30
 """Pixels of a bin, below which its variance has no normal error."""
 GAIN = no_value("K", "overall system gain", "DN/e-", "EMVA 1288 R4 6.6")
+INITIAL_GAIN = replace(GAIN, symbol="K_0", name="gain at zero of a parabola")
+
+
+def set_log_axes(axes: Axes) -> None:
+    """Make both axes logarithmic; not where no value is above 0, of which Matplotlib draws none."""
+    if np.isfinite(axes.dataLim.minpos).all():
+        axes.set(xscale="log", yscale="log")
 
 
 @dataclass(frozen=True, eq=False)
-class PhotonTransfer:
+class PhotonTransfer(Figures):
     """The curve, and K as the slope of its lower part.
 
     gain : K [DN/e-].  initial_gain : slope at zero of a parabola, which is K of the linear part of a curved response.
@@ -64,24 +70,70 @@ class PhotonTransfer:
         if log:
             shown = (self.signal > 0) & (self.variance > 0)
             begin = self.signal[shown].min()
+        x, y, error = self.signal, self.variance, 1.96 * self.errors
         fitted, others = shown & self.fitted, shown & ~self.fitted
-        axes.errorbar(
-            self.signal[fitted],
-            self.variance[fitted],
-            1.96 * self.errors[fitted],
-            fmt="o",
-            markersize=3,
-            label="fitted",
-        )
-        axes.plot(
-            self.signal[others], self.variance[others], "s", markersize=3, label="not fitted"
-        )
+        axes.errorbar(x[fitted], y[fitted], error[fitted], fmt="o", ms=3, label="fitted")
+        axes.plot(x[others], y[others], "s", ms=3, label="not fitted")
         ends = np.array([begin, self.peak.mean[0]])
         if math.isfinite(self.gain.value):
-            axes.plot(ends, self.gain.value * ends, color="black", linewidth=1, label="slope K")
+            axes.plot(ends, self.gain.value * ends, color="black", lw=1, label="slope K")
         axes.set(xlabel="mean − dark mean [DN]", ylabel="variance − dark variance [DN²]")
         if log:
             set_log_axes(axes)
+
+
+class _Points(NamedTuple):
+    """Points of a curve whose errors are known once K is: (n,) each, but for the dark.
+
+    signal, variance, errors, fitted, peak : as in :class:`PhotonTransfer`.
+    dark : variance in the dark [DN²].  freedom : degrees of freedom of the variances.
+    mean_error : standard errors of the means for a variance of 1 DN².
+    shared : of the levels by their dark frames: covariances of the variances and of the means, (n, n).
+    """
+
+    signal: Float64Array
+    variance: Float64Array
+    errors: Float64Array
+    fitted: NDArray[np.bool_]
+    peak: Peak
+    dark: Float64Array
+    freedom: Float64Array
+    mean_error: Float64Array
+    shared: tuple[Float64Array, Float64Array]
+
+    def covariance(self, gain: float) -> Float64Array:
+        """Covariance of the fitted variances, if K is this.
+
+        Errors are taken from the line, not from each level, since a level that comes out low by chance would weigh
+        more. They are as much larger than those of normal noise as the fitted levels' are on average.
+        """
+        used = self.fitted
+        measured = (self.variance + self.dark)[used]
+        square = (self.errors[used] / measured) ** 2 * self.freedom[used] / 2
+        model = self.dark + gain * np.maximum(self.signal, 0)
+        own = model * np.sqrt(2 * max(float(np.mean(square)), 0.5) / self.freedom)
+        by_mean = gain * self.mean_error * np.sqrt(model)
+        whole = np.diag(own**2 + by_mean**2) + self.shared[0] + gain**2 * self.shared[1]
+        return np.asarray(whole[np.ix_(used, used)])
+
+    def fit(self, clipped: str, notes: Sequence[str] = ()) -> PhotonTransfer:
+        """K.  clipped : why points are left out, or nothing."""
+        used = self.fitted
+        x, y = self.signal[used], self.variance[used]
+        if not used.any() or self.peak.mean[0] <= 0 or not (y > 0).any():
+            why = clipped or "no level lies between darkness and 70 % of saturation"
+            nothing = [unknown(one, why, bool(clipped)) for one in (GAIN, INITIAL_GAIN)]
+            return PhotonTransfer(*nothing, *self[:5])
+        slope = float(np.median((y / np.maximum(x, 1e-300))[x > 0])) if (x > 0).any() else 0.0
+        for _ in range(4):
+            line = line_through_origin(x, y, self.covariance(max(slope, 1e-12)))
+            slope = line.slope
+        note = "; ".join(filter(None, (line.note, note_left_out(clipped), *notes)))
+        gain = GAIN.with_interval((line.slope, line.low, line.high)).noted(note)
+        if used.sum() < 3:
+            note = f"a parabola needs 3 levels between darkness and 70 % of saturation, not {used.sum()}"
+        initial = INITIAL_GAIN.with_interval(line.initial).noted(note)
+        return PhotonTransfer(gain, initial, *self[:5])
 
 
 def photon_transfer(measured: Series) -> PhotonTransfer:
@@ -89,36 +141,27 @@ def photon_transfer(measured: Series) -> PhotonTransfer:
 
     Weights are the errors of the variances, with what all levels share by their dark frames.
     """
-    ends = find_peak(measured)
-    variance, errors = measured.of_flats("variance"), measured.of_flats("variance_error")
-    freedom, dark_variance = measured.of_flats("freedom"), measured.of_darks("variance")
+    ends, variance = find_peak(measured), measured.of_flats("variance")
     within = (measured.signal <= FITTED * ends.mean[0]) & (variance > 0)
-    fitted = within & measured.inside & ~measured.coarse
-    curve = _Curve(measured.signal, measured.excess, errors, fitted, ends)
+    points = _Points(
+        measured.signal,
+        measured.excess,
+        measured.of_flats("variance_error"),
+        within & measured.inside & ~measured.coarse,
+        ends,
+        measured.of_darks("variance"),
+        measured.of_flats("freedom"),
+        measured.of_flats("mean_error") / np.sqrt(np.maximum(variance, 1e-300)),
+        (
+            measured.shared(measured.dark_variance_error),
+            measured.shared(measured.of_darks("mean_error")),
+        ),
+    )
     if within.any() and measured.coarse[within].all():
-        nothing = unknown(GAIN, measured.flats[int(np.argmax(within))].coarse)
-        return PhotonTransfer(nothing, replace(nothing, symbol="K_0"), *curve)
-
-    def covariance(gain: float) -> Float64Array:
-        model = dark_variance + gain * np.maximum(measured.signal, 0)
-        own = np.hypot(
-            _errors_by_model(model, fitted, (variance, errors, freedom)),
-            gain * measured.of_flats("mean_error"),
-        )
-        shared = measured.shared(measured.dark_variance_error)
-        shared = shared + measured.shared(gain * measured.of_darks("mean_error"))
-        return np.asarray(np.diag(own**2) + shared)
-
-    return _fit(curve, covariance, measured.why_clipped(within))
-
-
-class _Darkness(NamedTuple):
-    """Mean [DN], variance and its standard error [DN²] without light, and why they are clipped, or nothing."""
-
-    mean: float
-    variance: float
-    error: float
-    clipped: str
+        why = measured.flats[int(np.argmax(within))].coarse
+        nothing = [unknown(one, why) for one in (GAIN, INITIAL_GAIN)]
+        return PhotonTransfer(*nothing, *points[:5])
+    return points.fit(measured.why_clipped(within))
 
 
 def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonTransfer:
@@ -129,16 +172,17 @@ def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonT
     """
     maps = Maps.empty(scene)
     statistics = temporal(scene, maps)
-    notes = [statistics.drift_note]
+    notes, clipping = [statistics.drift_note], scene.clipping
+    clipped_scene = (
+        f"{clipping.black:.2%} of the values of the scene are 0 and "
+        f"{clipping.saturated:.2%} are at the largest code"
+    )
     if dark is None:
         bins = _bin_pixels(scene, maps.mean, maps.variance)
-        clipped = ""
-        if bins.clipped[0] > LARGEST_SHARE:
-            clipped = _note_clipped_scene(scene)
-        darkness = _Darkness(
-            float(bins.mean[0]), float(bins.variance[0]), float(bins.error[0]), clipped
-        )
-        bins = bins.without_darkest()
+        black, dark_variance, dark_error = (float(part[0]) for part in bins[:3])
+        clipped = clipped_scene if bins.clipped[0] > LARGEST_SHARE else ""
+        bins = _Bins(bins.mean - black, *bins[1:])
+        bins = _Bins(*(part[1:] for part in bins))
         notes.insert(0, "signal is counted from the darkest pixels: no dark frames")
     else:
         if dark.shape != scene.shape:
@@ -148,46 +192,29 @@ def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonT
             )
         below = temporal(dark)
         bins = _bin_pixels(scene, maps.mean - dark.mean, maps.variance)
-        clipped = ""
-        if dark.clipping.clipped:
-            clipped = dark.clipping.note
-        darkness = _Darkness(
-            below.mean,
-            below.variance,
-            below.variance_error,
-            clipped,
-        )
-    if scene.bits is None:
-        top = None
-    else:
-        top = 2**scene.bits - 1 - darkness.mean
-    excess = bins.variance - darkness.variance
+        black, dark_variance, dark_error = below.mean, below.variance, below.variance_error
+        clipped = dark.clipping.note if dark.clipping.clipped else ""
+    top = None if scene.bits is None else 2**scene.bits - 1 - black
+    excess = bins.variance - dark_variance
     ends = peak(bins.mean, excess, bins.error, top)
     if ends.limited_by == "not reached":
         notes.append("the scene does not reach saturation")
-    variance = excess + darkness.variance
-    within = (bins.mean <= FITTED * ends.mean[0]) & (variance > 0)
-    fitted = within & (bins.clipped <= LARGEST_SHARE) & (not darkness.clipped)
+    within = (bins.mean <= FITTED * ends.mean[0]) & (bins.variance > 0)
+    fitted = within & (bins.clipped <= LARGEST_SHARE) & (not clipped)
     freedom = bins.pixels * (statistics.frames - 1)
-
-    def covariance(gain: float) -> Float64Array:
-        model = darkness.variance + gain * np.maximum(bins.mean, 0)
-        own = np.hypot(
-            _errors_by_model(model, fitted, (variance, bins.error, freedom)),
-            gain * np.sqrt(model / freedom),
-        )
-        return np.asarray(np.diag(own**2) + darkness.error**2)
-
-    why_left_out = ""
-    if (within & ~fitted).any():
-        why_left_out = darkness.clipped or _note_clipped_scene(scene)
-    curve = _Curve(bins.mean, excess, bins.error, fitted, ends)
-    return _fit(curve, covariance, why_left_out, [note for note in notes if note])
-
-
-def _note_clipped_scene(scene: Stack) -> str:
-    black, top = scene.clipping.black, scene.clipping.saturated
-    return f"{black:.2%} of the values of the scene are 0 and {top:.2%} are at the largest code"
+    points = _Points(
+        bins.mean,
+        excess,
+        bins.error,
+        fitted,
+        ends,
+        np.full(len(excess), dark_variance),
+        freedom,
+        freedom**-0.5,
+        (np.full((len(excess),) * 2, dark_error**2), np.zeros((len(excess),) * 2)),
+    )
+    left_out = bool((within & ~fitted).any())
+    return points.fit((clipped or clipped_scene) if left_out else "", [x for x in notes if x])
 
 
 class _Bins(NamedTuple):
@@ -203,11 +230,6 @@ class _Bins(NamedTuple):
     pixels: Float64Array
     clipped: Float64Array
 
-    def without_darkest(self) -> _Bins:
-        """All bins but the first, whose mean is subtracted from theirs."""
-        mean, variance, error, pixels, clipped = (values[1:] for values in self)
-        return _Bins(mean - float(self.mean[0]), variance, error, pixels, clipped)
-
 
 def _bin_pixels(scene: Stack, means: Float64Array, variances: Float64Array) -> _Bins:
     """Bins of equal width of the pixels' means, without bins of few pixels, (H, W) each.
@@ -218,72 +240,18 @@ def _bin_pixels(scene: Stack, means: Float64Array, variances: Float64Array) -> _
     clipped = scene.clipping.shares_of_pixels(scene.frames).ravel()
     width = max(float(np.ptp(x)), 1e-9) / BINS
     index = np.minimum(((x - x.min()) / width).astype(np.intp), BINS - 1)
-    kept = np.bincount(index, minlength=BINS) >= FEWEST_OF_A_BIN
-    count = np.bincount(index, minlength=BINS)[kept].astype(np.float64)
-    if len(count) < 5:
+    counts = np.bincount(index, minlength=BINS).astype(np.float64)
+    kept = counts >= FEWEST_OF_A_BIN
+    if kept.sum() < 5:
         raise InputError(
-            f"{scene.source}: {len(count)} levels of {FEWEST_OF_A_BIN} pixels or more between {x.min():.4g} and "
+            f"{scene.source}: {kept.sum()} levels of {FEWEST_OF_A_BIN} pixels or more between {x.min():.4g} and "
             f"{x.max():.4g} DN; pass a scene that runs from darkness to saturation."
         )
 
     def average(values: Float64Array) -> Float64Array:
-        return np.bincount(index, values, BINS)[kept] / count
+        return np.bincount(index, values, BINS)[kept] / counts[kept]
 
     mean_variance = average(variance)
     scatter = np.maximum(average(variance**2) - mean_variance**2, 0)
-    error = np.sqrt(scatter / count)
-    return _Bins(average(x), mean_variance, error, count, average(clipped))
-
-
-def _errors_by_model(
-    model: Float64Array, fitted: NDArray[np.bool_], measured: tuple[Float64Array, ...]
-) -> Float64Array:
-    """Standard errors of variances that a line gives; measured are variances, their errors and degrees of freedom.
-
-    Taken from the line, not from each level, since a level that comes out low by chance would weigh more. They are as
-    much larger than those of normal noise as the fitted levels' are on average.
-    """
-    variance, error, freedom = measured
-    excess = float(np.mean((error[fitted] / variance[fitted]) ** 2 * freedom[fitted] / 2))
-    return np.asarray(model * np.sqrt(2 * max(excess, 0.5) / freedom))
-
-
-class _Curve(NamedTuple):
-    """The points of a curve, before K is known."""
-
-    signal: Float64Array
-    variance: Float64Array
-    errors: Float64Array
-    fitted: NDArray[np.bool_]
-    peak: Peak
-
-
-def _fit(
-    curve: _Curve,
-    covariance: Callable[[float], Float64Array],
-    clipped: str,
-    notes: Sequence[str] = (),
-) -> PhotonTransfer:
-    """K of the points that are fitted, whose errors depend on K.  clipped : why points are left out, or nothing."""
-    used = curve.fitted
-    if not used.any() or curve.peak.mean[0] <= 0 or not (curve.variance[used] > 0).any():
-        nothing = unknown(GAIN, "no level lies between darkness and 70 % of saturation")
-        if clipped:
-            nothing = hidden_by_clipping(GAIN, clipped)
-        return PhotonTransfer(nothing, replace(nothing, symbol="K_0"), *curve)
-    x, y = curve.signal[used], curve.variance[used]
-    positive = x > 0
-    slope = 0.0
-    if positive.any():
-        slope = float(np.median(y[positive] / x[positive]))
-    for _ in range(4):
-        line = line_through_origin(x, y, covariance(max(slope, 1e-12))[np.ix_(used, used)])
-        slope = line.slope
-    note = "; ".join(filter(None, (line.note, note_left_out(clipped), *notes)))
-    gain = replace(GAIN, value=line.slope, low=line.low, high=line.high, note=note)
-    if used.sum() < 3:
-        note = f"a parabola needs 3 levels between darkness and 70 % of saturation, not {used.sum()}"
-    name = "gain at zero of a parabola"
-    value, low, high = line.initial
-    initial = replace(GAIN, symbol="K_0", name=name, value=value, low=low, high=high, note=note)
-    return PhotonTransfer(gain, initial, *curve)
+    error = np.sqrt(scatter / counts[kept])
+    return _Bins(average(x), mean_variance, error, counts[kept], average(clipped))

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from ...core import InputError, finite_numbers, require
 from ...core.types import Float64Array
 from ..frames.stack import Stack
-from ..quantity import Quantity, normal_interval
+from ..quantity import Figures, Quantity, normal_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +35,7 @@ MOST_ERRORS = 40.0
 
 
 @dataclass(frozen=True, eq=False)
-class Polarization:
+class Polarization(Figures):
     """Maps with one value for each tile of polarisers, (H, W) of tiles, and their means over the picture.
 
     s0, s1, s2 : Stokes parameters [DN]; s0 is the mean of the pixels.
@@ -58,11 +58,6 @@ class Polarization:
     mean_dolp: Quantity
     mean_aolp: Quantity
 
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Of the light of all tiles together."""
-        return self.mean_dolp, self.mean_aolp
-
     def colours(self) -> Float64Array:
         """A picture, (H, W, 3) from 0 to 1: the angle as hue, red at 0° and cyan at 90°, the degree as brightness."""
         pure = hues(np.nan_to_num(self.aolp_deg))
@@ -80,23 +75,6 @@ def hues(aolp_deg: Float64Array) -> Float64Array:
     sixths = aolp_deg[..., None] / 30 + np.array([5.0, 3.0, 1.0])
     distance = np.minimum(sixths % 6, 4 - sixths % 6)
     return np.asarray(1 - np.clip(distance, 0.0, 1.0))
-
-
-class _Maps(NamedTuple):
-    """As in :class:`Polarization`."""
-
-    dolp: Float64Array
-    dolp_error: Float64Array
-    dolp_without_bias: Float64Array
-    aolp_deg: Float64Array
-    aolp_error_deg: Float64Array
-
-
-class _Stokes(NamedTuple):
-    """values : (…, 3).  covariance : (…, 3, 3)."""
-
-    values: Float64Array
-    covariance: Float64Array
 
 
 def polarization(
@@ -128,20 +106,27 @@ def polarization(
     )
     ratio = require("extinction_ratio", extinction_ratio, 1.0, 1e9, "τ_max/τ_min, e.g. 300")
     inverse = _least_squares(tile, (ratio - 1) / (ratio + 1))
-    unclipped = _unclipped(stack, saturation_dn)
-    light = _in_tiles("black_dn", unclipped - _black(stack, black_dn), tile.shape)
+    black = _map("black_dn", black_dn, stack, "the black level in DN, e.g. 64")
+    light = _in_tiles("black_dn", _unclipped(stack, saturation_dn) - black, tile.shape)
     variance = _in_tiles("variance_dn2", _variance_of_mean(stack, variance_dn2), tile.shape)
-    stokes = _Stokes(light @ inverse.T, _covariance(inverse, variance))
-    known = ~np.isnan(stokes.values[..., 0])
+    stokes = light @ inverse.T
+    covariance = np.einsum("ik,...k,jk->...ij", inverse, variance, inverse)
+    known = ~np.isnan(stokes[..., 0])
     count = max(int(known.sum()), 1)
-    whole = _Stokes(
-        stokes.values[known].sum(axis=0) / count,
-        stokes.covariance[known].sum(axis=0) / count**2,
+    maps = _degree_and_angle(stokes, covariance)
+    _, dolp_error, dolp, aolp_deg, aolp_error_deg = map(
+        float,
+        _degree_and_angle(
+            stokes[known].sum(axis=0) / count, covariance[known].sum(axis=0) / count**2
+        ),
     )
-    maps = _degree_and_angle(stokes)
-    mean_dolp, mean_aolp = _quantities(_degree_and_angle(whole))
-    s0, s1, s2 = np.moveaxis(stokes.values, -1, 0)
-    return Polarization(s0, s1, s2, **maps._asdict(), mean_dolp=mean_dolp, mean_aolp=mean_aolp)
+    degree, angle = normal_interval(dolp, dolp_error), normal_interval(aolp_deg, aolp_error_deg)
+    return Polarization(
+        *np.moveaxis(stokes, -1, 0),
+        *maps,
+        Quantity("DoLP", "degree of linear polarisation", *degree, "", SECTION),
+        Quantity("AoLP", "angle of linear polarisation", *angle, "°", SECTION),
+    )
 
 
 def _least_squares(tile: Float64Array, contrast: float) -> Float64Array:
@@ -162,17 +147,13 @@ def _least_squares(tile: Float64Array, contrast: float) -> Float64Array:
     return np.asarray(np.linalg.pinv(design))
 
 
-def _black(stack: Stack, black_dn: ArrayLike) -> Float64Array:
-    """The level without light, a number or (H, W) [DN]. Raises InputError."""
-    level = finite_numbers(
-        "black_dn", black_dn, "the code of darkness in DN, e.g. 64, or a map (H, W)"
-    )
-    if level.shape not in ((), stack.shape):
-        raise InputError(
-            f"black_dn has shape {level.shape}; it must be a number or a map {stack.shape}, e.g. the mean of dark "
-            "frames."
-        )
-    return level
+def _map(name: str, values: ArrayLike, stack: Stack, wanted: str) -> Float64Array:
+    """A number or a map (H, W). Raises InputError."""
+    wanted += f", or a map {stack.shape}"
+    given = finite_numbers(name, values, wanted)
+    if given.shape not in ((), stack.shape):
+        raise InputError(f"{name} has shape {given.shape}; pass {wanted}.")
+    return given
 
 
 def _in_tiles(name: str, image: Float64Array, tile: tuple[int, ...]) -> Float64Array:
@@ -198,25 +179,23 @@ def _in_tiles(name: str, image: Float64Array, tile: tuple[int, ...]) -> Float64A
 
 def _unclipped(stack: Stack, saturation_dn: float | None) -> Float64Array:
     """Mean of each pixel; NaN where it is saturated in any frame: by default at the largest code, if that is known."""
-    lowest_dn = saturation_dn
-    if lowest_dn is not None:
-        lowest_dn = require("saturation_dn", lowest_dn, 0.0, 1e12, "a code in DN, e.g. 4000")
-    if lowest_dn is None and stack.bits is not None:
-        lowest_dn = 2**stack.bits - 1
+    lowest_dn = None if stack.bits is None else 2**stack.bits - 1.0
+    if saturation_dn is not None:
+        lowest_dn = require(
+            "saturation_dn", saturation_dn, 0.0, 1e12, "a code in DN, e.g. 4000"
+        )
     if lowest_dn is None:
         return stack.mean
-    clipped = (stack.frames >= lowest_dn).any(axis=0)
-    return np.where(clipped, np.nan, stack.mean)
+    return np.where((stack.frames >= lowest_dn).any(axis=0), np.nan, stack.mean)
 
 
 def _variance_of_mean(stack: Stack, variance_dn2: ArrayLike | None) -> Float64Array:
     """Variance of the mean of each pixel, (H, W) [DN²]. Raises InputError."""
     if variance_dn2 is not None:
-        wanted = f"variances of a frame in DN², e.g. 25.0, or a map {stack.shape}"
-        given = finite_numbers("variance_dn2", variance_dn2, wanted)
-        if given.shape not in ((), stack.shape) or given.min() < 0:
+        given = _map("variance_dn2", variance_dn2, stack, "variances of a frame, e.g. 25.0 DN²")
+        if given.min() < 0:
             raise InputError(
-                f"variance_dn2 has shape {given.shape} and values from {given.min():g}; pass {wanted}."
+                f"variance_dn2 has values from {given.min():g}; pass variances of 0 or more."
             )
         return np.broadcast_to(given, stack.shape) / len(stack)
     if len(stack) < 2:
@@ -226,36 +205,23 @@ def _variance_of_mean(stack: Stack, variance_dn2: ArrayLike | None) -> Float64Ar
     return stack.variance / len(stack)
 
 
-def _covariance(inverse: Float64Array, variance: Float64Array) -> Float64Array:
-    """Of the Stokes parameters, (…, 3, 3).  variance : of the pixels of each tile, which are independent."""
-    return np.asarray(np.einsum("ik,...k,jk->...ij", inverse, variance, inverse))
-
-
-def _degree_and_angle(stokes: _Stokes) -> _Maps:
-    """DoLP, its standard error, DoLP without bias, AoLP and its standard error [°]."""
-    s0, s1, s2 = np.moveaxis(stokes.values, -1, 0)
+def _degree_and_angle(
+    stokes: Float64Array, covariance: Float64Array
+) -> tuple[Float64Array, ...]:
+    """DoLP, its standard error, DoLP without bias, AoLP and its standard error [°], of (…, 3) and (…, 3, 3)."""
+    s0, s1, s2 = np.moveaxis(stokes, -1, 0)
     lit = np.where(s0 > 0, s0, np.nan)
     dolp, double = np.hypot(s1, s2) / lit, np.arctan2(s2, s1)
     cosine, sine, zero = np.cos(double), np.sin(double), np.zeros_like(double)
     along = np.stack([-dolp, cosine, sine], axis=-1)  # derivatives of DoLP times S0
     across = np.stack([zero, -sine, cosine], axis=-1)  # of twice the angle times DoLP·S0
-    errors = [
-        np.sqrt(np.einsum("...i,...ij,...j->...", side, stokes.covariance, side)) / lit
+    radial, tangential = (
+        np.sqrt(np.einsum("...i,...ij,...j->...", side, covariance, side)) / lit
         for side in (along, across)
-    ]
-    over_error = np.minimum(dolp / np.maximum(errors[1], TINY), MOST_ERRORS)
-    bias = errors[1] ** 2 * -np.expm1(-(over_error**2))
-    without_bias = np.maximum(dolp - bias / np.maximum(2 * dolp, TINY), 0.0)
-    angle_error = np.degrees(errors[1] / np.maximum(2 * dolp, TINY))
-    angle = np.where(np.isnan(lit), np.nan, np.degrees(double) / 2 % 180)
-    return _Maps(dolp, errors[0], without_bias, angle, np.minimum(angle_error, UNKNOWN_DEG))
-
-
-def _quantities(means: _Maps) -> tuple[Quantity, Quantity]:
-    """Degree and angle of all light together."""
-    of_degree = normal_interval(float(means.dolp_without_bias), float(means.dolp_error))
-    of_angle = normal_interval(float(means.aolp_deg), float(means.aolp_error_deg))
-    return (
-        Quantity("DoLP", "degree of linear polarisation", *of_degree, "", SECTION),
-        Quantity("AoLP", "angle of linear polarisation", *of_angle, "°", SECTION),
     )
+    over_error = np.minimum(dolp / np.maximum(tangential, TINY), MOST_ERRORS)
+    bias = tangential**2 * -np.expm1(-(over_error**2))
+    without_bias = np.maximum(dolp - bias / np.maximum(2 * dolp, TINY), 0.0)
+    angle_error = np.degrees(tangential / np.maximum(2 * dolp, TINY))
+    angle = np.where(np.isnan(lit), np.nan, np.degrees(double) / 2 % 180)
+    return dolp, radial, without_bias, angle, np.minimum(angle_error, UNKNOWN_DEG)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +11,8 @@ from ...core import InputError
 from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped
 from ..frames.stack import Stack
-from ..quantity import Quantity, no_value, student_interval
+from ..quantity import Quantity, no_value
+from ..statistics.line_fits import straight_line
 from ..statistics.outliers import fill, note_left_out_pixels, outliers
 
 if TYPE_CHECKING:
@@ -39,13 +40,8 @@ class Profile:
     def plot(self, ax: Axes) -> None:
         """The four curves against the number of the pixel."""
         for name in ("largest", "middle", "mean", "smallest"):
-            width = 0.8
-            if name == "mean":
-                width = 1.6
-            ax.plot(getattr(self, name), lw=width, label=name)
-        line = "row"
-        if self.direction == "horizontal":
-            line = "column"
+            ax.plot(getattr(self, name), lw=1.6 if name == "mean" else 0.8, label=name)
+        line = "column" if self.direction == "horizontal" else "row"
         ax.set(xlabel=f"number of the {line}", ylabel="value [DN]")
 
 
@@ -67,39 +63,28 @@ def profiles(stack: Stack, dark: Stack | None = None) -> tuple[Profile, Profile]
         stacks.append(dark)
     left_out = outliers(image)
     filled, note = fill(image, left_out), note_left_out_pixels(left_out)
-    horizontal = _profile("horizontal", image, filled)
-    vertical = _profile("vertical", image.T, filled.T)
+
+    def profile(direction: str, along: str, image: Float64Array, mean: Float64Array) -> Profile:
+        slope = no_value(f"Δ_{direction}", f"change along the {along}", "DN", SECTION)
+        if len(mean) < 3:
+            slope = slope.noted("needs 3 lines at least")
+        else:
+            slope = slope.with_interval(_slope(mean))
+        slope = mark_clipped(slope.noted(note), *stacks)
+        middle = image[image.shape[0] // 2]
+        return Profile(direction, mean, image.min(axis=0), image.max(axis=0), middle, slope)
+
     return (
-        replace(horizontal, slope=mark_clipped(horizontal.slope.noted(note), *stacks)),
-        replace(vertical, slope=mark_clipped(vertical.slope.noted(note), *stacks)),
+        profile("horizontal", "rows", image, filled.mean(axis=0)),
+        profile("vertical", "columns", image.T, filled.mean(axis=1)),
     )
 
 
-def _profile(direction: str, image: Float64Array, filled: Float64Array) -> Profile:
-    """Profile along the second direction of an image, with the means of that without pixels that stand out."""
-    mean = filled.mean(axis=0)
-    return Profile(
-        direction=direction,
-        mean=mean,
-        smallest=image.min(axis=0),
-        largest=image.max(axis=0),
-        middle=image[image.shape[0] // 2],
-        slope=_slope(direction, mean),
-    )
+def _slope(mean: Float64Array) -> tuple[float, float, float]:
+    """(value, low, high) of a straight line over its length, by least squares.
 
-
-def _slope(direction: str, mean: Float64Array) -> Quantity:
-    """Least squares; the interval from the scatter of the lines about the straight line, which FPN of lines makes."""
-    count = len(mean)
-    along = "columns"
-    if direction == "horizontal":
-        along = "rows"
-    symbol, name = f"Δ_{direction}", f"change along the {along}"
-    if count < 3:
-        return no_value(symbol, name, "DN", SECTION, "needs 3 lines at least")
-    place = np.linspace(-0.5, 0.5, count)
-    power = float(place @ place)
-    slope = float(place @ mean) / power
-    rest = mean - mean.mean() - slope * place
-    error = float(np.sqrt(rest @ rest / (count - 2) / power))
-    return Quantity(symbol, name, *student_interval(slope, error, count - 2), "DN", SECTION)
+    The interval is from the scatter of the lines about it, which FPN of lines makes.
+    """
+    place = np.linspace(-0.5, 0.5, len(mean))
+    line = straight_line(place, mean, np.full(len(mean), np.nan))
+    return line.interval

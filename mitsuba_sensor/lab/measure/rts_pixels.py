@@ -14,7 +14,7 @@ from ...core import InputError
 from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped
 from ..frames.stack import Stack
-from ..quantity import Quantity, share_interval
+from ..quantity import Figures, Quantity, share_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,7 +44,7 @@ LEAST_SIGMA_DN = 0.41
 
 
 @dataclass(frozen=True, eq=False)
-class TelegraphPixels:
+class TelegraphPixels(Figures):
     """K pixels with two levels.
 
     fraction : of all pixels [%].  step : median of the distances of the two levels [DN].
@@ -62,11 +62,6 @@ class TelegraphPixels:
     shares: Float64Array
     share_errors: Float64Array
     detectable: float
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Fraction of the pixels and median step."""
-        return self.fraction, self.step
 
     def plot(self, ax: Axes) -> None:
         """Share of the frames in the upper level against the step, with standard errors of some."""
@@ -98,7 +93,7 @@ def rts_pixels(stack: Stack, false_alarm: float = 0.01) -> TelegraphPixels:
     Raises InputError for a mosaic, fewer frames, and a false alarm that is no probability.
     """
     stack.require_one_filter()
-    frames = len(stack)
+    frames, pixels = len(stack), stack.mean.size
     if frames < FEWEST_FRAMES or not 0 < false_alarm < 1:
         raise InputError(
             f"{frames} frames and false_alarm {false_alarm!r}; RTS pixels need at least {FEWEST_FRAMES} frames and "
@@ -107,61 +102,47 @@ def rts_pixels(stack: Stack, false_alarm: float = 0.01) -> TelegraphPixels:
     quiet_dn2 = float(np.median(stack.variance))
     if stack.frames.dtype.kind != "f":
         quiet_dn2 = max(quiet_dn2, TWO_CODES_DN2)
-    limit = 2 * math.log(TAIL * stack.mean.size / false_alarm)
+    limit = 2 * math.log(TAIL * pixels / false_alarm)
     screen = quiet_dn2 * scipy.special.chdtri(frames - 1, SCREEN) / (frames - 1)
-    rows, columns = np.nonzero((stack.variance > screen) & (stack.variance > 0))
-    tables = [np.zeros((6, 0))]
-    for begin in range(0, rows.size, PIXELS):
-        places = rows[begin : begin + PIXELS], columns[begin : begin + PIXELS]
-        tables.append(_fit_pixels(stack, places, quiet_dn2, limit))
-    table = np.concatenate(tables, axis=1)
+    places = np.argwhere((stack.variance > screen) & (stack.variance > 0))
+    parts = [places[begin : begin + PIXELS] for begin in range(0, len(places), PIXELS)]
+    tables = [_fit_pixels(stack, part, quiet_dn2, limit) for part in parts]
+    table = np.concatenate([np.zeros((6, 0)), *tables], axis=1)
     detectable = _detectable_step(quiet_dn2, limit, frames)
-    share = share_interval(table.shape[1], stack.mean.size)
+    share = share_interval(table.shape[1] / pixels, pixels)
     fraction = Quantity("RTS", "share of RTS pixels", *share, "", SECTION).scaled(100, "%")
     fraction = fraction.noted(
         f"steps below about {detectable:.3g} DN are not found with {frames} frames"
     )
     median = _median_with_interval(table[2])
     step = Quantity("ΔRTS", "median step of the RTS pixels", *median, "DN", SECTION)
-    if not table.shape[1]:
-        step = step.noted("no RTS pixels")
     return TelegraphPixels(
-        fraction=mark_clipped(fraction, stack),
-        step=mark_clipped(step, stack),
-        rows=table[0].astype(np.intp),
-        columns=table[1].astype(np.intp),
-        steps=table[2],
-        step_errors=table[3],
-        shares=table[4],
-        share_errors=table[5],
-        detectable=detectable,
+        mark_clipped(fraction, stack),
+        mark_clipped(step.noted("" if table.shape[1] else "no RTS pixels"), stack),
+        *table[:2].astype(np.intp),
+        *table[2:],
+        detectable,
     )
 
 
 def _fit_pixels(
-    stack: Stack,
-    places: tuple[NDArray[np.intp], NDArray[np.intp]],
-    quiet_dn2: float,
-    limit: float,
+    stack: Stack, places: NDArray[np.intp], quiet_dn2: float, limit: float
 ) -> Float64Array:
     """Rows, columns, steps and shares with errors of the pixels among these that have two levels, (6, K)."""
-    rows, columns = places
     drift = stack.frame_means - stack.frame_means.mean()
     whole = stack.frames.dtype.kind != "f" and float(np.ptp(drift)) < 0.5
-    values = stack.frames[:, rows, columns].T - (0.0 if whole else drift)
+    values = stack.frames[:, *places.T].T - (0.0 if whole else drift)
     split, _ = _best_split(np.sort(values, axis=1))
-    may_jump = split < LARGEST_SPLIT
-    values, rows, columns = values[may_jump], rows[may_jump], columns[may_jump]
+    values, places = values[split < LARGEST_SPLIT], places[split < LARGEST_SPLIT]
     if not len(values):
         return np.zeros((6, 0))
     fit = _two_levels(values, max(0.5 * math.sqrt(quiet_dn2), LEAST_SIGMA_DN if whole else 0.1))
     step = fit.upper - fit.lower
     frames_in_rarer_level = np.minimum(fit.share, 1 - fit.share) * len(stack)
-    chosen = fit.gain > limit
+    chosen = (fit.gain > limit) & (step > APART * fit.sigma)
     chosen &= frames_in_rarer_level > FEWEST_IN_A_LEVEL - 0.5
-    chosen &= step > APART * fit.sigma
     step_errors, share_errors = _errors(fit, values)
-    table = np.array([rows, columns, step, step_errors, fit.share, share_errors])
+    table = np.array([*places.T, step, step_errors, fit.share, share_errors])
     return np.asarray(table[:, chosen])
 
 

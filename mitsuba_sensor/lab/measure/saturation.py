@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import scipy
 
 from ...core.types import Float64Array
 from ..frames.series import Series
-from ..quantity import Quantity, hidden_by_clipping, no_value, product, quotient, unknown
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from ..quantity import Figures, Quantity, no_value, product, quotient, unknown
 
 Limit = Literal["well", "ADC", "not reached"]
 SECTION = "EMVA 1288 R4 2.4"
-
-
 NO_PHOTONS = "photons are not known"
+NOTES: dict[Limit, str] = {
+    "well": "",
+    "ADC": "the largest code ends the range, not the full well",
+    "not reached": "the variance does not fall at the brightest level: a lower limit",
+}
+"""What to say about the end of the range."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +112,7 @@ def _mean_where_cut(mean: Float64Array, variance: Float64Array, spread: float) -
 
 
 @dataclass(frozen=True, eq=False)
-class Saturation:
+class Saturation(Figures):
     """Ends of the usable range, EMVA 1288 R4 2.4 and 6.6.
 
     signal : µ_y.sat - µ_y.dark [DN].  photons, electrons : µ_p.sat, µ_e.sat.  threshold_photons, threshold_electrons :
@@ -126,28 +127,6 @@ class Saturation:
     dynamic_range: Quantity
     snr_max: Quantity
     peak: Peak
-    points: tuple[Float64Array, Float64Array]
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """All figures, the saturation signal first."""
-        return (
-            self.signal,
-            self.photons,
-            self.electrons,
-            self.threshold_photons,
-            self.threshold_electrons,
-            self.dynamic_range,
-            self.snr_max,
-        )
-
-    def plot(self, axes: Axes) -> None:
-        """Temporal variance against the mean, with the interval of its maximum."""
-        signal, _ = self.points
-        axes.plot(*self.points, "o-", markersize=3, linewidth=1, label="temporal variance")
-        high = min(self.signal.high, float(signal.max()))
-        axes.axvspan(self.signal.low, high, alpha=0.2, label="saturation")
-        axes.set(xlabel="mean − dark mean [DN]", ylabel="variance − dark variance [DN²]")
 
 
 def find_peak(measured: Series) -> Peak:
@@ -171,71 +150,44 @@ def saturation(
     Electrons are computed from photons where QE is known, else from the signal.
     """
     ends = find_peak(measured)
-    note = _note_limit(ends)
-    signal = no_value("µ_y.sat − µ_y.dark", "saturation signal", "DN", SECTION, note)
-    photons = no_value("µ_p.sat", "saturation capacity", "p", SECTION, note)
-    electrons = no_value("µ_e.sat", "saturation capacity", "e-", SECTION, note)
-    name = "absolute sensitivity threshold"
-    threshold_photons = no_value("µ_p.min", name, "p", SECTION)
-    threshold_electrons = no_value("µ_e.min", name, "e-", SECTION)
-    dynamic_range = no_value("DR", "dynamic range", "", SECTION, note)
 
-    signal = _convert_peak(ends, measured, measured.signal, signal)
-    threshold_electrons = _threshold(dark_noise, gain, threshold_electrons)
+    def figure(
+        symbol: str, name: str, unit: str, note: str = NOTES[ends.limited_by]
+    ) -> Quantity:
+        return no_value(symbol, name, unit, SECTION, note)
+
+    def at_peak(values: Float64Array, like: Quantity) -> Quantity:
+        if ends.mean[0] <= 0:
+            return unknown(like, "no flat field is brighter than the dark frames")
+        if measured.clipped_darks:
+            return unknown(like, measured.clipped_darks, clipped=True)
+        return like.with_interval(ends.convert(measured.signal, values))
+
+    signal = at_peak(measured.signal, figure("µ_y.sat − µ_y.dark", "saturation signal", "DN"))
+    photons = figure("µ_p.sat", "saturation capacity", "p")
+    electrons = figure("µ_e.sat", "saturation capacity", "e-")
+    name = "absolute sensitivity threshold"
+    # µ_e.min = sqrt(σ_y.dark²/K² + 1/4) + 1/2, where the signal equals its noise (EMVA 1288 R4 2.4).
+    least_electrons = quotient(dark_noise, gain, figure("µ_e.min", name, "e-", "")).mapped(
+        lambda sigma_e: math.sqrt(sigma_e**2 + 0.25) + 0.5
+    )
+    least_photons = figure("µ_p.min", name, "p", "")
     if efficiency is None:
-        photons = unknown(photons, NO_PHOTONS)
+        photons, least_photons = (unknown(one, NO_PHOTONS) for one in (photons, least_photons))
         electrons = quotient(signal, gain, electrons)
-        threshold_photons = unknown(threshold_photons, NO_PHOTONS)
     else:
-        photons = _convert_peak(ends, measured, measured.light, photons)
+        photons = at_peak(measured.light, photons)
         electrons = product(photons, efficiency, electrons)
-        threshold_photons = quotient(threshold_electrons, efficiency, threshold_photons)
+        least_photons = quotient(least_electrons, efficiency, least_photons)
     return Saturation(
         signal=signal,
         photons=photons,
         electrons=electrons,
-        threshold_photons=threshold_photons,
-        threshold_electrons=threshold_electrons,
-        dynamic_range=quotient(electrons, threshold_electrons, dynamic_range),
-        snr_max=replace(
-            electrons,
-            symbol="SNR_max",
-            name="maximum signal-to-noise ratio",
-            unit="",
-            value=math.sqrt(electrons.value),
-            low=math.sqrt(electrons.low),
-            high=math.sqrt(electrons.high),
+        threshold_photons=least_photons,
+        threshold_electrons=least_electrons,
+        dynamic_range=quotient(electrons, least_electrons, figure("DR", "dynamic range", "")),
+        snr_max=electrons.mapped(
+            math.sqrt, symbol="SNR_max", name="maximum signal-to-noise ratio", unit=""
         ),
         peak=ends,
-        points=(measured.signal, measured.excess),
     )
-
-
-def _convert_peak(
-    ends: Peak, measured: Series, values: Float64Array, like: Quantity
-) -> Quantity:
-    """The peak of a series in the unit of these values, one for each level."""
-    if ends.mean[0] <= 0:
-        return unknown(like, "no flat field is brighter than the dark frames")
-    if measured.clipped_darks:
-        return hidden_by_clipping(like, measured.clipped_darks)
-    value, low, high = ends.convert(measured.signal, values)
-    return replace(like, value=value, low=low, high=high)
-
-
-def _threshold(dark_noise: Quantity, gain: Quantity, like: Quantity) -> Quantity:
-    """µ_e.min = sqrt(σ_y.dark²/K² + 1/4) + 1/2, where the signal equals its noise (EMVA 1288 R4 2.4)."""
-    noise = quotient(dark_noise, gain, like)
-    value, low, high = (
-        math.sqrt(sigma**2 + 0.25) + 0.5 for sigma in (noise.value, noise.low, noise.high)
-    )
-    return replace(noise, value=value, low=low, high=high)
-
-
-def _note_limit(ends: Peak) -> str:
-    """What to say about the end of the range; nothing where it is the full well."""
-    if ends.limited_by == "ADC":
-        return "the largest code ends the range, not the full well"
-    if ends.limited_by == "not reached":
-        return "the variance does not fall at the brightest level: a lower limit"
-    return ""

@@ -12,6 +12,9 @@ import scipy
 
 from ...core.types import Float64Array
 
+SMALLEST_NONCENTRALITY = 1e-9
+"""Noncentrality below which it is 0: the inverse ends at rounding, or NaN, where none is so small."""
+
 
 class Spread(NamedTuple):
     """Median of what two turns or more gave, between the quartiles."""
@@ -74,3 +77,15 @@ def as_normal(t: float, freedom: int) -> float:
         return 0.0
     tail = max(scipy.special.stdtr(freedom, -abs(t)), 1e-300)
     return math.copysign(-float(scipy.special.ndtri(tail)), t)
+
+
+def noncentrality_interval(
+    square: Float64Array, freedom: int
+) -> tuple[Float64Array, Float64Array]:
+    """(low, high): noncentralities at which so large a sum of squares, or so small a one, is as rare as the tail.
+
+    square : sums of squares over the variance of each value.  freedom : how many values each has.
+    """
+    ends = [scipy.special.chndtrinc(square, freedom, share) for share in (0.975, 0.025)]
+    low, high = (np.where(end > SMALLEST_NONCENTRALITY, end, 0.0) for end in ends)
+    return low, high

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from ...core.types import Float64Array
-from ..frames.stack import Stack
+from ..frames.stack import Changes, Stack
 from ..quantity import LEVEL
 from .outliers import Pixels
 
@@ -60,34 +60,20 @@ class MeanSquares:
             self, rows=self.rows / by[0], columns=self.columns / by[1], pixels=pixels
         )
 
-    def row_variance(self) -> list[MeanSquare]:
-        """Terms of σ_row² = (rows − pixels)/W."""
-        if self.rows is None:
-            return []
-        return [self.rows / self.shape[1], -self.pixels / self.shape[1]]
-
-    def column_variance(self) -> list[MeanSquare]:
-        """Terms of σ_col² = (columns − pixels)/H."""
-        if self.columns is None:
-            return []
-        return [self.columns / self.shape[0], -self.pixels / self.shape[0]]
-
-    def pixel_variance(self) -> list[MeanSquare]:
-        """Terms of σ² of the pixels alone."""
-        if self.rows is None:
-            return []
-        return [self.pixels]
-
-    def variance(self) -> list[MeanSquare]:
-        """Terms of the sum of the three."""
+    def terms(self, part: str = "all") -> list[MeanSquare]:
+        """Terms of the variance of a part: ``row`` is σ_row² = (rows − pixels)/W, ``col`` the same of columns,
+        ``pixel`` that of the pixels alone, ``all`` the sum of the three. A single line of pixels has no parts."""
         if self.rows is None or self.columns is None:
-            return [self.pixels]
+            return [self.pixels] if part == "all" else []
         height, width = self.shape
-        return [
-            self.rows / width,
-            self.columns / height,
-            self.pixels.times(1 - 1 / width - 1 / height),
-        ]
+        rows, columns = self.rows / width, self.columns / height
+        parts = {
+            "row": [rows, -self.pixels / width],
+            "col": [columns, -self.pixels / height],
+            "pixel": [self.pixels],
+            "all": [rows, columns, self.pixels.times(1 - 1 / width - 1 / height)],
+        }
+        return parts[part]
 
     def variance_of_mean(self) -> float:
         """Variance of the mean of the image."""
@@ -170,27 +156,37 @@ def spatial_mean_squares(
 
 
 def temporal_mean_squares(stack: Stack, left_out: Pixels | None = None) -> MeanSquares:
-    """Mean squares of what changes from frame to frame in N ≥ 2 frames.
+    """Mean squares of what changes from frame to frame in N ≥ 2 frames, without the frames' means.
 
-    These are the deviations from each pixel's and each frame's mean.  left_out : pixels that are as noisy as the others
-    on average.
+    left_out : pixels that are as noisy as the others on average.
     """
-    height, width = stack.shape
-    drift = stack.frame_means - stack.frame_means.mean()
-    more = len(stack) - 1
-    variance = stack.variance
-    if left_out is not None and left_out.any():
-        variance = np.where(left_out, variance[~left_out].mean(), variance)
-    total = more * float(variance.sum()) - height * width * float(drift @ drift)
-    uneven = _unevenness(variance, more)
-    if min(stack.shape) == 1:
-        freedom = more * (max(height, width) - 1)
-        only = MeanSquare(0.0, 1.0)
-        if freedom:
-            only = MeanSquare(total / freedom, freedom / uneven)
-        return MeanSquares(None, None, only, stack.shape)
-    by_row = _sum_of_squares(stack.row_means, drift, width)
-    by_column = _sum_of_squares(stack.column_means, drift, height)
+    changes, pixels, count = stack.changes, stack.shape[0] * stack.shape[1], 0
+    variance, square = changes.variance * pixels, changes.square * pixels
+    if left_out is not None and (count := int(np.count_nonzero(left_out))):
+        some = stack.frames[:, left_out] - stack.frame_means[:, None]
+        theirs = some.var(axis=0, ddof=1)
+        variance, square = variance - theirs.sum(), square - theirs @ theirs
+    kept = max(pixels - count, 1)
+    return mean_squares_of(
+        changes._replace(variance=variance / kept, square=square / kept), stack.shape
+    )
+
+
+def mean_squares_of(changes: Changes, shape: tuple[int, int]) -> MeanSquares:
+    """Mean squares of what one pass over a stack finds; pixels of uneven variance have fewer degrees of freedom."""
+    (height, width), more = shape, len(changes.rows) - 1
+    total = more * changes.variance * height * width
+    uneven = 1.0
+    if changes.variance:  # variances with n degrees of freedom have E[s⁴] = σ⁴·(n + 2)/n
+        uneven = max(1.0, changes.square * more / (more + 2) / changes.variance**2)
+    if min(shape) == 1:
+        freedom = more * (max(shape) - 1)
+        only = (
+            MeanSquare(total / freedom, freedom / uneven) if freedom else MeanSquare(0.0, 1.0)
+        )
+        return MeanSquares(None, None, only, shape)
+    by_row = width * float(np.square(changes.rows).sum())
+    by_column = height * float(np.square(changes.columns).sum())
     rest = max(total - by_row - by_column, 0.0)
     row_freedom, column_freedom = more * (height - 1), more * (width - 1)
     freedom = more * (height - 1) * (width - 1)
@@ -198,22 +194,8 @@ def temporal_mean_squares(stack: Stack, left_out: Pixels | None = None) -> MeanS
         rows=MeanSquare(by_row / row_freedom, row_freedom),
         columns=MeanSquare(by_column / column_freedom, column_freedom),
         pixels=MeanSquare(rest / freedom, freedom / uneven),
-        shape=stack.shape,
+        shape=shape,
     )
-
-
-def _sum_of_squares(line_means: Float64Array, drift: Float64Array, length: int) -> float:
-    """Squares of the lines' deviations from their means and from the drift of the frames, (N, lines), per pixel."""
-    deviations = line_means - line_means.mean(axis=0) - drift[:, None]
-    return length * float(np.square(deviations).sum())
-
-
-def _unevenness(variance: Float64Array, more: int) -> float:
-    """E[σ⁴]/E[σ²]² over the pixels; variances with n degrees of freedom have E[s⁴] = σ⁴·(n + 2)/n."""
-    mean = float(variance.mean())
-    if not mean:
-        return 1.0
-    return max(1.0, float(np.square(variance).mean()) * more / (more + 2) / mean**2)
 
 
 def _centred(values: Float64Array) -> Float64Array:

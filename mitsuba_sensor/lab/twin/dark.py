@@ -15,8 +15,7 @@ from ..measure.dark_current import dark_current, errors_of_means
 from ..measure.dark_signal import distributions_of
 from ..quantity import Quantity, no_value, student_interval, unknown
 from ..statistics.mean_squares import MeanSquare, MeanSquares, root, temporal_mean_squares
-from .evidence import Fitted, frames_of
-from .maps import CombinedMap
+from .evidence import CombinedMap, Fitted, frames_of
 
 SECTION = "fit"
 READ = no_value("σ_read", "read noise of the pixels, rms", "DN", SECTION)
@@ -76,19 +75,17 @@ def dark_over_time(stacks: Sequence[Stack]) -> Dark:
     several_times = len(set(times.tolist())) > 1
     if several_times:
         current = dark_current(stacks)
-        _, low, high = current.line.offset_interval
-        black = replace(black, value=current.line.offset, low=low, high=high)
+        black = black.with_interval(current.line.offset_interval)
         rate = replace(current.from_mean, symbol=rate.symbol)
     else:
         why = "one exposure time: dark current is part of the black level"
-        errors, freedom = errors_of_means(stacks, squares)
+        errors, freedom = errors_of_means(stacks)
         weights = counts / counts.sum()
         mean = float(weights @ [stack.frame_means.mean() for stack in stacks])
         error = math.sqrt(float(weights**2 @ errors**2))
-        _, low, high = student_interval(mean, error, min(freedom, 1e9))
-        black = replace(black, value=mean, low=low, high=high, note=why)
+        black = black.with_interval(student_interval(mean, error, min(freedom, 1e9))).noted(why)
         rate = unknown(rate, why)
-    variances = [max(sum(term.value for term in one.variance()), 1e-9) for one in squares]
+    variances = [max(sum(term.value for term in one.terms()), 1e-9) for one in squares]
     at_zero, per_second = _line_weights(times, counts / np.array(variances))
     offsets = _combine(stacks, squares, at_zero)
     rates = _combine(stacks, squares, per_second) if several_times else None
@@ -119,12 +116,9 @@ def _combine(
     stacks: Sequence[Stack], squares: Sequence[MeanSquares], weights: Float64Array
 ) -> CombinedMap:
     """Weighted sum of the stacks' means, and the temporal noise that is left in it."""
-    image = np.zeros(stacks[0].shape)
-    noises: list[tuple[MeanSquares, float]] = []
-    for stack, stack_squares, weight in zip(stacks, squares, weights.tolist(), strict=True):
-        image += weight * stack.mean
-        noises.append((stack_squares, weight**2 / len(stack)))
-    return CombinedMap(image, tuple(noises))
+    image = sum(weight * stack.mean for weight, stack in zip(weights, stacks, strict=True))
+    factors = [w**2 / len(stack) for w, stack in zip(weights.tolist(), stacks, strict=True)]
+    return CombinedMap(np.asarray(image), tuple(zip(squares, factors, strict=True)))
 
 
 def _nonuniformity(
@@ -136,9 +130,7 @@ def _nonuniformity(
     if rates is None or not rate.low > 0 or coarse:
         return unknown(cv, coarse or "dark current is not told from 0"), None
     spread = rates.spread()["all"]
-    cv = replace(cv, value=spread[0], low=spread[1], high=spread[2], unit="DN/s").divided(
-        rate, ""
-    )
+    cv = cv.with_interval(spread).divided(rate, "")
     noise = math.sqrt(max(float(rates.image.var()) - spread[0] ** 2, 0.0))
     if not spread[1] > 0 or spread[0] <= CLEAR * noise:
         return cv, None
@@ -163,8 +155,8 @@ def read_noise(dark: Dark, pixel: Quantity, gain: Quantity) -> Quantity:
     middle = pixel.value**2 - shot_dn2
     down = math.hypot(pixel.value**2 - pixel.low**2, error_dn2)
     up = math.hypot(pixel.high**2 - pixel.value**2, error_dn2)
-    value, low, high = (math.sqrt(max(v, 0.0)) for v in (middle, middle - down, middle + up))
-    return replace(READ, value=value, low=low, high=high, note=pixel.note)
+    ends = READ.with_interval((middle, middle - down, middle + up))
+    return ends.mapped(lambda v: math.sqrt(max(v, 0.0)), note=pixel.note)
 
 
 def frame_noise(stacks: Sequence[Stack]) -> Fitted:
@@ -183,8 +175,7 @@ def frame_noise(stacks: Sequence[Stack]) -> Fitted:
         within += share * temporal_mean_squares(stack).variance_of_mean()
     lines = freedom * (min(stacks[0].shape) - 1)
     terms = [MeanSquare(between, freedom), -MeanSquare(within, max(lines, 1))]
-    value, low, high = root(terms)
-    figure = replace(FRAME, value=value, low=low, high=high)
-    if not low > 0:
+    figure = FRAME.with_interval(root(terms))
+    if not figure.low > 0:
         figure = replace(figure, value=0.0).noted("not told from 0")
     return Fitted(figure, frames_of(*stacks))

@@ -112,7 +112,7 @@ def read_noise_e(setting: Setting) -> Value:
     name, read = "source_follower.read_noise_e", setting.electrons(setting.read)
     if read.known:
         return _fitted(name, read)
-    variance = float(setting.dark.quiet.variance.mean())
+    variance = setting.dark.quiet.changes.variance
     assumed = math.sqrt(max(variance - ROUNDING_DN2, 0.0)) / setting.gain.quantity.value
     return Value(name, assumed, f"assumed: {read.quantity.note}")
 

@@ -14,8 +14,7 @@ from ...core.progress import automatic_progress, is_asked
 from ...core.types import Float64Array
 from ...optics.spectra import SILICON_NM, silicon_qe
 from ..frames.bench import Bench, read_bench
-from ..frames.notes import merged
-from ..frames.stack import Stack
+from ..frames.stack import Stack, merged
 from .evidence import Fitted
 from .fields import NORMAL_SHAPE, Value, fields_of, full_well, read_noise_e
 from .setting import Setting, fit_setting
@@ -76,12 +75,12 @@ class Twin:
     @property
     def notes(self) -> tuple[str, ...]:
         """What restricts the figures, and what could not be measured."""
-        notes: list[str] = []
-        for setting in self.settings:
-            prefix = ""
-            if len(self.settings) > 1:
-                prefix = f"gain {setting.name}: "
-            notes += [f"{prefix}{note}" for note in setting.notes]
+        several = len(self.settings) > 1
+        notes = [
+            f"gain {setting.name}: {note}" if several else note
+            for setting in self.settings
+            for note in setting.notes
+        ]
         return tuple(merged([*notes, *step_notes(self.settings)]))
 
     def figures(self) -> dict[str, Fitted]:
@@ -94,8 +93,6 @@ class Twin:
         figures = [setting.gain, dark.black, dark.cv, setting.read.known_as(setting.law)]
         figures += map(setting.electrons, in_dn)
         figures += map(setting.prnu, ("pixel", "row", "col"))
-        black = dark.black
-        figures[1] = black.known_as(replace(black.quantity, symbol="black"))
         return {figure.quantity.symbol: figure for figure in figures if figure.known}
 
     def tables(self, like: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -124,11 +121,10 @@ class Twin:
             sources.pop(name, None)
             if source:
                 sources[name] = source
+        for name in ("gain", "gains"):
+            data.pop(name, None)
         if len(self.settings) > 1:
             data["gains"] = gains_of(self.settings)
-        else:
-            data.pop("gains", None)
-        data.pop("gain", None)
         return {**data, "sources": sources}
 
     def _quantum_efficiency(self) -> Iterator[Value]:
@@ -141,10 +137,8 @@ class Twin:
             assumed = f"typical silicon but at {at_nm:g} nm"
         yield Value("quantum_efficiency.wavelengths_nm", band_nm, f"assumed: {assumed}")
         if self.base.tile:
-            curves: dict[str, list[float]] = {}
-            for name, value in values.items():
-                if " (" not in name:  # the second place of a filter in the tile
-                    curves[name] = [value, value]
+            first = {name: q for name, q in values.items() if " (" not in name}  # of its places
+            curves = {name: [value, value] for name, value in first.items()}
             yield Value("quantum_efficiency.curves", curves, source)
             tile = [list(row) for row in self.base.tile]
             yield Value("quantum_efficiency.tile", tile, "fit: the mosaic of the frames")
@@ -166,9 +160,8 @@ class Twin:
                 return dict.fromkeys(self.base.responses, QE), source
             values[name] = q.value
             texts.append(f"{name} {q.value:.3g} ({q.low:.3g} to {q.high:.3g})".strip())
-        where = ", at an unknown wavelength"
-        if self.wavelength_nm:
-            where = f" at {self.wavelength_nm:g} nm"
+        known = self.wavelength_nm
+        where = f" at {known:g} nm" if known else ", at an unknown wavelength"
         return values, f"fit: {', '.join(texts)}{where}"
 
     def _conversion_gain(self, data: Mapping[str, Any]) -> Iterator[Value]:
@@ -201,14 +194,11 @@ def _check_tile(tile: tuple[tuple[str, ...], ...], like: Mapping[str, Any]) -> N
     """Raises InputError where a camera has another mosaic than the frames."""
     other = tuple(map(tuple, like.get("quantum_efficiency", {}).get("tile") or ()))
     if tile != other:
-        has, have = _show_tile(other) or "no mosaic", _show_tile(tile) or "none"
+        has, have = (" / ".join("".join(row) for row in one) for one in (other, tile))
         raise InputError(
-            f"{like['name']} has {has}, the frames have {have}; give a camera of the same mosaic, or none."
+            f"{like['name']} has {has or 'no mosaic'}, the frames have {have or 'none'}; give a camera of the same "
+            "mosaic, or none."
         )
-
-
-def _show_tile(tile: tuple[tuple[str, ...], ...]) -> str:
-    return " / ".join("".join(row) for row in tile)
 
 
 def fit(frames: str | os.PathLike[str] | Bench, *, progress: bool | None = None) -> Twin:
@@ -257,46 +247,18 @@ def held_out(bench: Bench) -> tuple[Bench, Bench]:
 
     Both are views of the same frames.
     """
-    fitted = Bench(
-        tuple(map(_first_frames, bench.biases)),
-        tuple(map(_first_frames, bench.darks)),
-        tuple(map(_first_frames, bench.flats)),
-        (),
-        bench.wavelength_nm,
-    )
-    compared = Bench(
-        _last_frames(bench.biases),
-        _last_frames(bench.darks),
-        _last_frames(bench.flats),
-        (),
-        bench.wavelength_nm,
-    )
-    return fitted, compared
 
+    def count(stack: Stack) -> int:
+        return int(SHARE * len(stack)) if len(stack) >= FEWEST else 0
 
-def _count_held_out(stack: Stack) -> int:
-    """How many frames of a stack are held out."""
-    if len(stack) >= FEWEST:
-        return int(SHARE * len(stack))
-    return 0
+    def fitted(stacks: Sequence[Stack]) -> list[Stack]:
+        return [replace(s, frames=s.frames[: len(s) - count(s)]) for s in stacks]
 
+    def compared(stacks: Sequence[Stack]) -> list[Stack]:
+        return [replace(s, frames=s.frames[-count(s) :]) for s in stacks if count(s)]
 
-def _first_frames(stack: Stack) -> Stack:
-    """The frames of a stack that are fitted."""
-    count = _count_held_out(stack)
-    if not count:
-        return stack
-    return replace(stack, frames=stack.frames[: len(stack) - count])
-
-
-def _last_frames(stacks: Sequence[Stack]) -> tuple[Stack, ...]:
-    """The frames that are held out, of the stacks that have enough."""
-    parts: list[Stack] = []
-    for stack in stacks:
-        count = _count_held_out(stack)
-        if count:
-            parts.append(replace(stack, frames=stack.frames[len(stack) - count :]))
-    return tuple(parts)
+    bench = replace(bench, scenes=(), notes=())
+    return bench.change(fitted), bench.change(compared)
 
 
 def gains_of(settings: Sequence[Setting]) -> list[dict[str, Any]]:
@@ -306,29 +268,24 @@ def gains_of(settings: Sequence[Setting]) -> list[dict[str, Any]]:
     """
     wells = all(setting.brightest.limited_by == "well" for setting in settings)
     tails = any(math.isfinite(setting.law.value) for setting in settings)
-    return [_gain_table(setting, wells, tails) for setting in settings]
-
-
-def _gain_table(setting: Setting, well: bool, tails: bool) -> dict[str, Any]:
-    """The table [[gains]] of one setting, with or without its full well and the tails of its read noise."""
-
-    def electrons(figure: Fitted) -> float:
-        value = setting.electrons(figure).quantity.value
-        return max(value, 0.0) if math.isfinite(value) else 0.0
-
-    table = _label(setting.name)
-    table["gain_dn_per_e"] = setting.gain.quantity.value
-    table["read_noise_e"] = read_noise_e(setting).value
-    table["black_level_dn"] = max(setting.dark.black.quantity.value, 0.0)
-    table["row_noise_e"] = electrons(setting.row)
-    table["column_noise_e"] = electrons(setting.column)
-    table["frame_noise_e"] = electrons(setting.frame)
-    if tails:
-        shape = setting.law.value
-        table["read_noise_shape"] = shape if math.isfinite(shape) else NORMAL_SHAPE
-    if well:
-        table["full_well_e"] = electrons(setting.brightest.end)
-    return table
+    tables: list[dict[str, Any]] = []
+    for setting in settings:
+        table = _label(setting.name) | {
+            "gain_dn_per_e": setting.gain.quantity.value,
+            "read_noise_e": read_noise_e(setting).value,
+            "black_level_dn": max(setting.dark.black.quantity.value, 0.0),
+        }
+        noises = {"row": setting.row, "column": setting.column, "frame": setting.frame}
+        for name, noise in noises.items():
+            value = setting.electrons(noise).quantity.value
+            table[f"{name}_noise_e"] = max(value, 0.0) if math.isfinite(value) else 0.0
+        if tails:
+            shape = setting.law.value
+            table["read_noise_shape"] = shape if math.isfinite(shape) else NORMAL_SHAPE
+        if wells:
+            table["full_well_e"] = setting.electrons(setting.brightest.end).quantity.value
+        tables.append(table)
+    return tables
 
 
 def _label(name: str) -> dict[str, Any]:

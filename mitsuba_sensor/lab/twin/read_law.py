@@ -35,10 +35,10 @@ def read_law(stack: Stack) -> Quantity:
     if len(stack) < FEWEST_FRAMES:
         few = f"{len(stack)} frames; the tails of the noise need {FEWEST_FRAMES}"
         return unknown(NO_SHAPE, f"assumed normal: {few}")
-    if stack.whole_codes and float(stack.variance.mean()) < LEAST_DN2:
+    if stack.whole_codes and stack.changes.variance < LEAST_DN2:
         return unknown(NO_SHAPE, "assumed normal: hidden by rounding")
     tau4, error, blocks = _tau4(stack)
-    variance = float(stack.variance.mean())
+    variance = stack.changes.variance
     other = ROUNDING_DN2 / variance if stack.whole_codes else 0.0
     other += sum(1 / length for length in stack.shape)
     # Rounding and what line means bring of other pixels are normal: fourth cumulants decrease as the square.

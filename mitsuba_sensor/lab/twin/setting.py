@@ -13,11 +13,9 @@ import scipy
 from ...core import InputError
 from ...core.types import Float64Array
 from ..frames.bench import Bench
-from ..frames.selection import dark_series, darks_of
+from ..frames.selection import dark_series
 from ..frames.soundness import sound
 from ..frames.stack import Stack
-from ..frames.stuck_lines import with_lines_filled
-from ..measure.curved_response import straight
 from ..measure.emva_linear import EmvaLinear
 from ..measure.line_noise import line_noise
 from ..measure.measurement import linear_of, over_temperature, uniformity_of
@@ -29,8 +27,7 @@ from ..quantity import (
     normal_interval,
 )
 from .dark import SECTION, Dark, dark_over_time, frame_noise, read_noise
-from .evidence import Fitted, frames_of
-from .maps import parts_of, scaled_to
+from .evidence import Fitted, frames_of, parts_of, scaled_to
 from .read_law import read_law
 
 Result = TypeVar("Result")
@@ -70,7 +67,7 @@ class Response:
 
     def straight(self, signal: Float64Array) -> Float64Array:
         """The linear signal of a signal [DN]."""
-        return straight(signal, self.linear.curve.kappa)
+        return self.linear.curve.straight(signal)
 
 
 @dataclass(eq=False)
@@ -174,13 +171,12 @@ def fit_setting(bench: Bench) -> Setting:
     Raises InputError where it lacks what every camera file needs.
     """
     _check(bench)
-    bench, saturated = sound(bench)
-    bench, stuck = with_lines_filled(bench)
+    bench, found = sound(bench)
     # Which filter a pixel has does not matter in the dark.
-    darks = tuple(replace(stack, tile=()) for stack in darks_of(bench))
+    darks = tuple(replace(stack, tile=()) for stack in bench.unlit)
     blind = replace(bench, biases=(), darks=darks, flats=(), scenes=())
     used, notes = _usable(dark_series(blind))
-    notes = [*bench.notes, *filter(None, (saturated, stuck)), *notes]
+    notes = [*bench.notes, *found, *notes]
     responses = {
         name: _response(part, name, notes) for name, part in bench.of_filters().items()
     }
@@ -217,8 +213,8 @@ def fit_setting(bench: Bench) -> Setting:
 
 def _check(bench: Bench) -> None:
     """Raises InputError where stacks are missing, differ in size, or have too few pixels of each filter."""
-    if not darks_of(bench) or not bench.flats:
-        lack = "flat fields" if darks_of(bench) else "bias or dark frames"
+    if not bench.unlit or not bench.flats:
+        lack = "flat fields" if bench.unlit else "bias or dark frames"
         raise InputError(
             f"there are no {lack}; a twin needs dark frames and flat fields, 2 frames or more of each."
         )
@@ -268,10 +264,8 @@ def _response(bench: Bench, name: str, notes: list[str]) -> Response:
     notes += linear.notes
     uniformity = _try(lambda: uniformity_of(bench, linear), notes)
     top, curve = _largest_signal(linear), linear.curve
-    ratio = replace(NO_RATIO, value=1.0, low=1.0, high=1.0)
-    if curve:
-        low, high = sorted(1 + limit * top.value for limit in (curve.low, curve.high))
-        ratio = replace(NO_RATIO, value=1 + curve.kappa * top.value, low=low, high=high)
+    bends = NO_RATIO.with_interval((curve.kappa, curve.low, curve.high))
+    ratio = bends.mapped(lambda kappa: 1 + kappa * top.value)
     frames = frames_of(*bench.flats)
     return Response(linear, Fitted(ratio, frames), Fitted(top, frames), uniformity)
 
@@ -280,14 +274,13 @@ def _largest_signal(linear: EmvaLinear) -> Quantity:
     """The linear mean of the brightest level where it is full; else a lower limit."""
     levels, end = linear.levels, linear.photon_transfer.peak
     best = int(np.argmax(levels.signal))
-    value = float(straight(levels.signal[best : best + 1], linear.curve.kappa)[0])
+    value = float(linear.curve.straight(levels.signal)[best])
     full = levels.excess[best] < PLATEAU * levels.excess.max()
     if not full or end.limited_by == "not reached":
         note = "the brightest flat field is not full: a lower limit"
-        return replace(NO_END, value=value, low=value, high=math.inf, note=note)
+        return NO_END.with_interval((value, value, math.inf)).noted(note)
     error = math.hypot(levels.of_flats("mean_error")[best], levels.of_darks("mean_error")[best])
-    _, low, high = normal_interval(value, error)
-    return replace(NO_END, value=value, low=low, high=high)
+    return NO_END.with_interval(normal_interval(value, error))
 
 
 def _try(instrument: Callable[[], Result], notes: list[str]) -> Result | None:
@@ -306,7 +299,9 @@ def tile_shape(tile: tuple[tuple[str, ...], ...]) -> tuple[int, int]:
 
 def weighted_mean(figures: Sequence[Fitted]) -> Fitted:
     """Mean by the width of the intervals; wider where the figures differ by more than these allow."""
-    known = [one for one in figures if one.known and math.isfinite(one.quantity.high)]
+    known = [
+        figure for figure in figures if figure.known and math.isfinite(figure.quantity.high)
+    ]
     if len(known) < 2:
         return known[0] if known else figures[0]
     values = np.array([figure.quantity.value for figure in known])
@@ -320,8 +315,7 @@ def weighted_mean(figures: Sequence[Fitted]) -> Fitted:
     if float(scipy.special.chdtrc(len(values) - 1, scatter)) < DIFFERENT:
         error *= math.sqrt(scatter / (len(values) - 1))
         note = "the filters differ by more than noise explains"
-    value, low, high = normal_interval(mean, error)
-    quantity = replace(known[0].quantity, value=value, low=low, high=high)
+    quantity = known[0].quantity.with_interval(normal_interval(mean, error))
     return known[0].known_as(quantity.noted(note))
 
 
@@ -336,6 +330,5 @@ def root_mean_square(figures: Sequence[Quantity], alike: int = 1) -> Quantity:
     count, mean = len(figures), float(value.mean())
     down = math.sqrt(alike * float(np.square(value - low).sum())) / count
     up = math.sqrt(alike * float(np.square(high - value).sum())) / count
-    ends = (math.sqrt(max(square, 0.0)) for square in (mean, mean - down, mean + up))
-    value, low, high = ends
-    return replace(figures[0], value=value, low=low, high=high)
+    squares = figures[0].with_interval((mean, mean - down, mean + up))
+    return squares.mapped(lambda square: math.sqrt(max(square, 0.0)))

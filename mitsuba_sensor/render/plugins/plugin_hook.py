@@ -2,7 +2,7 @@
 
 ``import mitsuba_sensor`` calls :func:`watch`: one finder goes into ``sys.meta_path`` where Mitsuba is not imported
 yet. The finder looks at the import of ``mitsuba`` alone and takes itself out once Mitsuba is loaded. It is all that an
-import of this package changes in a process (docs/plugins.md).
+import of this package changes in a process (docs/scene.md).
 """
 
 from __future__ import annotations

@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 from ....core import InputError, finite_numbers, require
 from ....core.errors import shown
 from ....core.types import Float64Array
-from ...quantity import Quantity, normal_interval
-from .shares import share_quantiles
+from ...quantity import Figures, Quantity, no_value, normal_interval, share_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,7 +27,7 @@ KINDS = ("weber", "michelson")
 
 
 @dataclass(frozen=True, eq=False)
-class Contrast:
+class Contrast(Figures):
     """How well two patches show their contrast.
 
     accuracy : contrast transfer accuracy.  detection : contrast detection probability.
@@ -41,11 +40,6 @@ class Contrast:
     mean: Quantity
     ratios: Float64Array
     bounds: tuple[float, float]
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Accuracy, detection probability and contrast."""
-        return self.accuracy, self.detection, self.mean
 
     def plot(self, ax: Axes) -> None:
         """Histogram of the ratios of pixels, and the bounds."""
@@ -84,23 +78,16 @@ def contrast_detection(
     tolerance = require("tolerance", tolerance, 1e-6, 1.0, "a share of the contrast, e.g. 0.5")
     patches = _pixels("bright", bright), _pixels("dark", dark)
     ends = contrast * (1 - tolerance), contrast * (1 + tolerance)
-    if kind == "michelson":
-        ends = _ratio(ends[0]), _ratio(ends[1])
+    if kind == "michelson":  # bright over dark, infinite from a contrast of 1 on
+        low, high = ((1 + c) / (1 - c) if c < 1 else np.inf for c in ends)
     else:
-        ends = 1 + ends[0], 1 + ends[1]
-    accuracy = _share("CTA", "contrast transfer accuracy", patches, ends)
-    detection = _share("CDP", "contrast detection probability", patches, (ends[0], np.inf))
+        low, high = 1 + ends[0], 1 + ends[1]
+    accuracy = _share("CTA", "contrast transfer accuracy", patches, (low, high))
+    detection = _share("CDP", "contrast detection probability", patches, (low, np.inf))
     rng = np.random.default_rng(0)
     above, below = (rng.choice(patch.ravel(), 10_000) for patch in patches)
     ratios = above[below > 0] / below[below > 0]
-    return Contrast(accuracy, detection, _mean_contrast(patches, kind), ratios, ends)
-
-
-def _ratio(michelson: float) -> float:
-    """Bright over dark of a contrast, infinite from 1 on."""
-    if michelson >= 1:
-        return np.inf
-    return (1 + michelson) / (1 - michelson)
+    return Contrast(accuracy, detection, _mean_contrast(patches, kind), ratios, (low, high))
 
 
 def _pixels(name: str, values: ArrayLike) -> Float64Array:
@@ -133,21 +120,21 @@ def _share(
     cases = float(min(bright.shape[1], dark.shape[1]))
     if variance > 0 and 0 < share < 1:
         cases = max(share * (1 - share) / variance, 1.0)
-    return Quantity(symbol, name, *share_quantiles(share, cases), "", SECTION)
+    return Quantity(symbol, name, *share_interval(share, cases), "", SECTION)
 
 
 def _count(
     others: Float64Array, values: Float64Array, ends: tuple[float, float]
 ) -> Float64Array:
     """How many of the sorted others lie between ends times each value; of values above 0."""
-    lowest, highest = ends
-    is_lit = values > 0
-    lit = np.where(is_lit, values, 1.0)
-    low = np.searchsorted(others, lowest * lit, "left")
-    if lowest == 0:  # dark pixels below 0 are darker than any bright one
-        low = np.zeros_like(low)
-    high = np.searchsorted(others, highest * lit, "right")
-    return np.asarray(np.maximum(high - low, 0) * is_lit, np.float64)
+    lowest, highest = (
+        np.where(values > 0, end * np.maximum(values, 1e-300), -np.inf) for end in ends
+    )
+    low = np.searchsorted(others, lowest, "left")
+    if ends[0] == 0:  # dark pixels below 0 are darker than any bright one
+        low[:] = 0
+    high = np.searchsorted(others, highest, "right")
+    return np.maximum(high - low, 0).astype(np.float64)
 
 
 def _mean_contrast(patches: tuple[Float64Array, Float64Array], kind: str) -> Quantity:
@@ -158,9 +145,7 @@ def _mean_contrast(patches: tuple[Float64Array, Float64Array], kind: str) -> Qua
     ]
     name = f"contrast of the means, {kind}"
     if not min(means) > 0:
-        nothing = float("nan")
-        note = "a patch is not brighter than black"
-        return Quantity("C", name, nothing, nothing, nothing, "", SECTION, note)
+        return no_value("C", name, "", SECTION, "a patch is not brighter than black")
     ratio = means[0] / means[1]
     error = ratio * np.hypot(errors[0] / means[0], errors[1] / means[1])
     value = ratio - 1

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from ....core import InputError, finite_numbers, require
 from ....core.types import Float64Array
-from ...quantity import TWO_SIDED, Quantity, no_value
-from .shares import share_quantiles
+from ...quantity import TWO_SIDED, Figures, Quantity, no_value, share_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +25,7 @@ lets appear as its end, by half a standard error for a sine of many frames."""
 
 
 @dataclass(frozen=True, eq=False)
-class Flicker:
+class Flicker(Figures):
     """What frames of a flickering light show.
 
     means : (N,) of the region in every frame [DN].  error : standard error of each from temporal noise [DN].
@@ -38,11 +37,6 @@ class Flicker:
     modulation: Quantity
     detection: Quantity
     mitigation: Quantity
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Modulation index, detection index, mitigation probability."""
-        return self.modulation, self.detection, self.mitigation
 
     def plot(self, ax: Axes) -> None:
         """The region's mean over the frames."""
@@ -91,21 +85,16 @@ def flicker(
         raise InputError(
             "the region is as dark as its noise; pass the pixels of the light alone."
         )
-    detection = no_value("FDI", "flicker detection index", "", SECTION, "needs off")
-    if off is not None:
+    detection = no_value("FDI", "flicker detection index", "", SECTION)
+    if off is None:
+        detection = detection.noted("needs off")
+    else:
         off = require("off", off, 1e-12, 1e12, "the level without the light, above black")
         seen = float((means / off - 1 > threshold).mean())
-        detection = Quantity(
-            "FDI", detection.name, *share_quantiles(seen, len(means)), "", SECTION
-        )
+        detection = detection.with_interval(share_interval(seen, len(means)))
     steady = float((np.abs(means / means.mean() - 1) < tolerance).mean())
-    mitigation = Quantity(
-        "MMP",
-        "modulation mitigation probability",
-        *share_quantiles(steady, len(means)),
-        "",
-        SECTION,
-    )
+    mitigation = no_value("MMP", "modulation mitigation probability", "", SECTION)
+    mitigation = mitigation.with_interval(share_interval(steady, len(means)))
     error = float(np.sqrt(np.square(errors).mean()))
     return Flicker(means, error, _modulation(rows, errors), detection, mitigation)
 

@@ -15,7 +15,7 @@ from ....core import InputError, finite_numbers
 from ....core.errors import shown
 from ....core.types import Float64Array
 from ....optics import spectra
-from ...quantity import LEVEL, Quantity, normal_interval
+from ...quantity import LEVEL, Figures, Quantity, normal_interval
 from ..image_quality.patches import (
     Region,
     require_regions,
@@ -37,7 +37,7 @@ STEP = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class ColourChart:
+class ColourChart(Figures):
     """What a chart of known colours shows.
 
     measured_lab, reference_lab : (P, 3) CIELAB of the patches in daylight.  matrix : (3, C), from values to XYZ.
@@ -52,11 +52,6 @@ class ColourChart:
     mean: Quantity
     largest: Quantity
     balance: tuple[Quantity, ...]
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Mean and largest ΔE00, and the errors of the white balance."""
-        return self.mean, self.largest, *self.balance
 
     def plot(self, ax: Axes) -> None:
         """The patches in the plane of a* and b*: circles as they should be, lines to where the camera has them."""

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from ....core import InputError, finite_numbers, require
 from ....core.checks import require_pair
 from ....core.types import Float64Array
-from ...quantity import Quantity, student_interval
+from ...quantity import Figures, Quantity, student_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +24,7 @@ FEWEST_POINTS = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Distortion:
+class Distortion(Figures):
     """Distortion of a lens, from points of a plane chart.
 
     local : distortion of the corner, real over ideal image height less 1 [%].
@@ -38,11 +38,6 @@ class Distortion:
     tv: Quantity
     lines: tuple[Quantity, Quantity]
     coefficients: tuple[float, float]
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Local distortion in the corner, TV distortion, and that of a horizontal and of a vertical line."""
-        return self.local, self.tv, *self.lines
 
     def plot(self, ax: Axes) -> None:
         """Local distortion over the image height."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ....core import InputError, finite_numbers
 from ....core.types import Float64Array
-from ...quantity import Quantity, student_interval
+from ...quantity import Figures, Quantity, student_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +35,7 @@ class _Field(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class FlatField:
+class FlatField(Figures):
     """What an evenly lit surface shows.
 
     illumination : of the corners over the centre, one for each channel [%].
@@ -46,11 +46,6 @@ class FlatField:
     illumination: tuple[Quantity, ...]
     shading: tuple[Quantity, ...]
     fields: tuple[Float64Array, ...]
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Relative illumination, then colour shading."""
-        return *self.illumination, *self.shading
 
     def plot(self, ax: Axes) -> None:
         """Light from the centre along the diagonal, over that of the centre."""

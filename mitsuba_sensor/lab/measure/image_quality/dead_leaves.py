@@ -9,7 +9,7 @@ picture must lie on the chart within a fraction of a pixel. ``"power"``: the pow
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,12 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from ....core import InputError, finite_numbers, require
 from ....core.errors import shown
 from ....core.types import Float64Array
-from ...quantity import Quantity, student_interval
-from .modulation import Modulation
-from .pictures import picture_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from ...quantity import student_interval
+from .modulation import Modulation, OfModulation, picture_of
 
 SECTIONS = {"cross": "Kirk et al. 2014", "power": "ISO 19567-2"}
 TILE_PX = 64
@@ -32,22 +28,11 @@ FEWEST_TILES = 4
 
 
 @dataclass(frozen=True, eq=False)
-class DeadLeaves:
+class DeadLeaves(OfModulation):
     """Modulation transfer of texture.
 
     modulation : over the frequency in any direction.
     """
-
-    modulation: Modulation
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """MTF50 and the modulation at Nyquist's frequency."""
-        return self.modulation.quantities
-
-    def plot(self, ax: Axes) -> None:
-        """The modulation with its band."""
-        self.modulation.plot(ax)
 
 
 class _Tiles(NamedTuple):

@@ -1,13 +1,20 @@
-"""The edge spread function: a cubic spline of the distance from the edge, fitted to all pixels, and its transform.
+"""The place of an edge in a picture, uneven light about it, and its edge spread function.
+
+The edge spread is a cubic spline of the distance from the edge, fitted to all pixels; its transform is the modulation.
 
 ISO 12233 puts pixels into bins of a quarter of a pixel. A spline with knots as dense has no error of pixels that do not
 lie in the middle of their bin, takes any direction of the edge, and its errors are known: what the noise of each pixel
 changes in the result is kept (its influence), and the sum of the squares of these is the variance. It needs no model of
 the noise, but takes the noise of pixels as independent.
+
+Uneven light is a polynomial of the place that both sides of the edge share: far from the edge the picture is level·(1 +
+polynomial) on each side. Light that a lens spreads goes as 1/d with the distance from the edge, up on one side and down
+on the other; it is fitted too and stays in the picture.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,7 +24,6 @@ from numpy.typing import NDArray
 
 from ....core import InputError
 from ....core.types import Float64Array
-from .edge_line import EdgeLine
 
 KNOT_PX = 0.25
 """Distance of the knots, the bins of ISO 12233."""
@@ -34,6 +40,139 @@ STEPS = 4
 DEGREE = 3
 FINE = 16
 """Points of each knot interval at which the window and the waves are evaluated."""
+WIDTHS_PX = (16.0, 8.0, 6.0, 4.0, 4.0, 4.0)
+"""Of the normal windows about the edge, one after the other: noise far from the edge counts less and less."""
+FAR_PX = 8.0
+"""Distance from the edge from which on a picture shows the light of its side."""
+
+
+class Upright(NamedTuple):
+    """A picture turned so that its edge is nearer to the columns and its bright side is on the right."""
+
+    picture: Float64Array
+    transposed: bool
+    mirrored: bool
+
+    def turn(self, picture: Float64Array) -> Float64Array:
+        """Another picture of the same pixels, turned in the same way."""
+        if self.transposed:
+            picture = picture.T
+        if self.mirrored:
+            picture = picture[:, ::-1]
+        return picture
+
+
+def upright(picture: Float64Array) -> Upright:
+    """Turn a picture by what its sides differ: an edge makes this difference along its normal, noise hardly any."""
+    across, along = _side_differences(picture)
+    transposed = abs(along) > abs(across)
+    if transposed:
+        across = along
+    mirrored = across < 0
+    turned = Upright(picture, transposed, mirrored)
+    return turned._replace(picture=turned.turn(picture))
+
+
+def _side_differences(picture: Float64Array) -> tuple[float, float]:
+    """Sum of the last column less that of the first, and of the rows."""
+    across = float((picture[:, -1] - picture[:, 0]).sum())
+    return across, float((picture[-1] - picture[0]).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeLine:
+    """The edge of an upright picture.  coefficients : of x [px] by y [px], lowest power first; y is 0 in the middle."""
+
+    coefficients: Float64Array
+
+    @property
+    def angle_deg(self) -> float:
+        """Of the edge in the middle, from the columns; positive where it goes to the right from top to bottom."""
+        return math.degrees(math.atan(self.coefficients[1]))
+
+    def distance(self, x: Float64Array, y: Float64Array) -> Float64Array:
+        """Distance of points from the edge, positive on its right [px]."""
+        polynomial = np.polynomial.Polynomial(self.coefficients)
+        slope = polynomial.deriv()(y)
+        return np.asarray((x - polynomial(y)) / np.hypot(1, slope))
+
+    def moved(self, shift_px: Float64Array) -> EdgeLine:
+        """The edge moved along its normal by a polynomial of y; shift_px : its coefficients from the first power on."""
+        along_x = shift_px * math.hypot(1, self.coefficients[1])
+        return EdgeLine(self.coefficients + np.concatenate([[0.0], along_x]))
+
+
+def middles(shape: tuple[int, int]) -> tuple[Float64Array, Float64Array]:
+    """x and y of the middle of every pixel, flat; y is 0 in the middle of the picture."""
+    rows, columns = shape
+    x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5 - rows / 2)
+    return x.ravel(), y.ravel()
+
+
+def find_line(picture: Float64Array, order: int) -> EdgeLine:
+    """The edge of an upright picture, about as well as its noise allows; raises InputError where there is none.
+
+    order : of the polynomial; what it has beyond a line is 0 here.
+    """
+    steps = picture[1:, 1:] - picture[:-1, :-1], picture[:-1, 1:] - picture[1:, :-1]
+    across, along = _side_differences(picture)
+    size = math.hypot(across, along)
+    if not size:
+        raise InputError(
+            "the picture has no edge: opposite sides are equally bright; pass one with one edge."
+        )
+    normal = across / size, along / size
+    # A gradient from the four pixels about each corner, along the normal.
+    weight = 0.5 * ((steps[0] + steps[1]) * normal[0] + (steps[0] - steps[1]) * normal[1])
+    rows, columns = weight.shape
+    x, y = np.meshgrid(np.arange(columns) + 1.0, np.arange(rows) + 0.5 - rows / 2)
+    offset = (weight * (x * normal[0] + y * normal[1])).sum() / weight.sum()
+    line = np.array([offset / normal[0], -normal[1] / normal[0]])
+    for width_px in WIDTHS_PX:
+        distance = EdgeLine(line).distance(x, y)
+        near = weight * np.exp(-0.5 * np.square(distance / width_px))
+        moments = near.sum(), (near * y).sum(), (near * y * y).sum()
+        matrix = np.array([[moments[0], moments[1]], [moments[1], moments[2]]])
+        line = np.linalg.solve(matrix, [(near * x).sum(), (near * x * y).sum()])
+    if not (np.isfinite(line).all() and 0 < line[0] < picture.shape[1] and abs(line[1]) < 1.5):
+        raise InputError(
+            "the picture has no edge that can be found; cut out a part with one straight edge through its middle."
+        )
+    return EdgeLine(np.concatenate([line, np.zeros(order - 1)]))
+
+
+class UnevenLight(NamedTuple):
+    """gain : of every pixel.  shapes : (N, k), the powers of the place.  influence : (N, k), what the noise of every
+    pixel changed in each coefficient."""
+
+    gain: Float64Array
+    shapes: Float64Array
+    influence: Float64Array
+
+
+def fit_uneven_light(
+    values: Float64Array, distance: Float64Array, x: Float64Array, y: Float64Array
+) -> UnevenLight:
+    """Fit a polynomial of the second order.  x, y : place of every pixel, from −½ to ½."""
+    shapes = np.column_stack([x, y, x**2, x * y, y**2])
+    influence = np.zeros_like(shapes)
+    far = np.abs(distance) > FAR_PX
+    right = distance[far] > 0
+    sides = np.column_stack([right, ~right]).astype(float)
+    levels = np.linalg.lstsq(sides, values[far], rcond=None)[0]
+    coefficients = np.zeros(shapes.shape[1])
+    for _ in range(STEPS):  # of Gauss and Newton: the model is a product
+        level, gain = sides @ levels, 1 + shapes[far] @ coefficients
+        design = np.column_stack(
+            [sides * gain[:, None], 1 / distance[far], level[:, None] * shapes[far]]
+        )
+        known = level * (gain - 1)
+        solution = np.linalg.lstsq(design, values[far] + known, rcond=None)[0]
+        residual = values[far] + known - design @ solution
+        levels, coefficients = solution[:2], solution[3:]
+    inverse = np.linalg.pinv(design)[3:]
+    influence[far] = (inverse * residual).T
+    return UnevenLight(1 + shapes @ coefficients, shapes, influence)
 
 
 class Samples(NamedTuple):

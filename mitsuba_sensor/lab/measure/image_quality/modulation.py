@@ -1,4 +1,5 @@
-"""Modulation over spatial frequency with its 95 % band, and the figures read from it: MTF50, MTF at Nyquist's."""
+"""Modulation over spatial frequency with its 95 % band, and the figures read from it: MTF50, MTF at Nyquist's; and the
+checks of the pictures that it is measured in."""
 
 from __future__ import annotations
 
@@ -6,10 +7,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from ....core import InputError, finite_numbers
 from ....core.types import Float64Array
 from ...quantity import TWO_SIDED, Quantity, no_value
-from ...statistics.noncentral import noncentrality_interval
+from ...statistics.estimators import noncentrality_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,12 +85,8 @@ class Modulation:
         place = float(crossings[0])
         places, *band = self._band()
         lower, upper = (_crossings(places, curve, share) for curve in band)
-        lower, upper = lower[lower <= place], upper[upper >= place]
-        low, high = float(self.frequency[0]), float(self.frequency[-1])
-        if lower.size:
-            low = float(lower[-1])
-        if upper.size:
-            high = float(upper[0])
+        low = float(np.max(lower[lower <= place], initial=self.frequency[0]))
+        high = float(np.min(upper[upper >= place], initial=self.frequency[-1]))
         return Quantity(symbol, name, place, low, high, "cy/px", self.section)
 
     def _band(self) -> tuple[Float64Array, Float64Array, Float64Array]:
@@ -114,6 +113,22 @@ class Modulation:
         ax.axvline(NYQUIST, color="0.6", lw=1, ls=":")
         ax.set(xlabel="spatial frequency [cycles per pixel]", ylabel="modulation")
         ax.set_ylim(0, None)
+
+
+@dataclass(frozen=True, eq=False)
+class OfModulation:
+    """A result whose figures are read from a curve of modulation."""
+
+    modulation: Modulation
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """MTF50 and the modulation at Nyquist's frequency."""
+        return self.modulation.quantities
+
+    def plot(self, ax: Axes) -> None:
+        """The modulation with its band."""
+        self.modulation.plot(ax)
 
 
 def _crossings(frequency: Float64Array, curve: Float64Array, share: float) -> Float64Array:
@@ -144,3 +159,28 @@ def modulus(
     low[small] = np.minimum(error[small] * np.sqrt(lowest), value[small])
     high[small] = np.maximum(error[small] * np.sqrt(highest), value[small])
     return value, low, high
+
+
+def picture_of(picture: ArrayLike, name: str = "picture") -> Float64Array:
+    """A picture (H, W) as float64; raises InputError for another shape and for values that are not finite.
+
+    name : of the argument.
+    """
+    wanted = "values (rows, columns), e.g. stack.mean − the black level"
+    pixels = finite_numbers(name, picture, wanted)
+    if pixels.ndim != 2 or min(pixels.shape) < 2:
+        raise InputError(f"{name} has shape {pixels.shape}; pass {wanted}.")
+    return pixels
+
+
+def flat_fielded(picture: Float64Array, flat: ArrayLike | None) -> Float64Array:
+    """The picture over a flat field whose mean is made 1; raises InputError where that has another shape or is dark."""
+    if flat is None:
+        return picture
+    light = picture_of(flat, "flat")
+    if light.shape != picture.shape or not light.min() > 0:
+        raise InputError(
+            f"flat has shape {light.shape} and values from {light.min():g}; pass positive values of the picture's "
+            f"shape {picture.shape}."
+        )
+    return np.asarray(picture * (light.mean() / light))

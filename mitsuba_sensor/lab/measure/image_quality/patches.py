@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ....core import InputError
 from ....core.errors import shown
@@ -33,6 +35,10 @@ class Patches(NamedTuple):
     total_error: Float64Array
     clipped: Float64Array
 
+    def select(self, some: NDArray[np.bool_]) -> Patches:
+        """Some of the patches."""
+        return Patches(*(field[some] for field in self))
+
 
 def measure_patches(stack: Stack, regions: Sequence[Region], black_dn: Float64Array) -> Patches:
     """Statistics of the patches; light that rises evenly over a patch is no noise.
@@ -46,19 +52,12 @@ def measure_patches(stack: Stack, regions: Sequence[Region], black_dn: Float64Ar
         raise InputError(
             f"{stack.source}: one frame shows no temporal noise; pass two frames or more."
         )
-    columns = np.array([_measure_one(_cut(stack, region), stack) for region in regions]).T
-    patches = Patches(*columns)
-    black = [
-        black_dn[top : top + rows, left : left + width].mean()
-        for top, left, rows, width in regions
-    ]
-    return patches._replace(mean=patches.mean - np.array(black))
-
-
-def _cut(stack: Stack, region: Region) -> Float64Array:
-    """The pixels of a patch, (N, rows, columns)."""
-    rows, columns = slices_of(region, stack.shape)
-    return stack.frames[:, rows, columns].astype(np.float64)
+    rows = []
+    for region in regions:
+        place = slices_of(region, stack.shape)
+        pixels = stack.frames[:, *place].astype(np.float64)
+        rows.append(_measure_one(pixels, float(black_dn[place].mean()), stack.bits))
+    return Patches(*np.array(rows).T)
 
 
 def require_regions(regions: Sequence[Region]) -> Sequence[Region]:
@@ -87,23 +86,24 @@ def slices_of(region: Region, shape: tuple[int, ...]) -> tuple[slice, slice]:
     return slice(top, top + rows), slice(left, left + columns)
 
 
-def _measure_one(pixels: Float64Array, stack: Stack) -> tuple[float, ...]:
+def _measure_one(pixels: Float64Array, black_dn: float, bits: int | None) -> tuple[float, ...]:
     """The fields of :class:`Patches` of one patch."""
     frames, rows, columns = pixels.shape
     count = rows * columns
     temporal = float(pixels.var(axis=0, ddof=1).mean())
-    temporal_error = temporal * np.sqrt(2 / (count * (frames - 1)))
     fixed_share = variance_about_plane(pixels.mean(axis=0))  # with what averaging leaves
     fixed = max(fixed_share - temporal / frames, 0.0)
-    total = fixed_share + temporal * (1 - 1 / frames)
     square = fixed_share**2 + temporal**2 * (frames - 1) / frames**2
-    total_error = np.sqrt(2 * square / (count - 3))
-    mean_error = np.sqrt((fixed + temporal / frames) / count)
-    at_ends = pixels.min() <= 0
-    if stack.bits is not None:
-        at_ends |= pixels.max() >= 2**stack.bits - 1
-    mean = float(pixels.mean())
-    return mean, mean_error, temporal, temporal_error, total, total_error, float(at_ends)
+    at_ends = pixels.min() <= 0 or (bits is not None and pixels.max() >= 2**bits - 1)
+    return (
+        float(pixels.mean()) - black_dn,
+        math.sqrt((fixed + temporal / frames) / count),
+        temporal,
+        temporal * math.sqrt(2 / (count * (frames - 1))),
+        fixed_share + temporal * (1 - 1 / frames),
+        math.sqrt(2 * square / (count - 3)),
+        float(at_ends),
+    )
 
 
 def variance_about_plane(image: Float64Array) -> float:

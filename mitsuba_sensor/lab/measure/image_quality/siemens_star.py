@@ -9,21 +9,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ....core import InputError, require
 from ....core.errors import require_count
 from ....core.types import Float64Array
-from ...quantity import TWO_SIDED, Quantity
-from ...statistics.noncentral import noncentrality_interval
-from .modulation import Modulation
-from .pictures import flat_fielded, picture_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from ...quantity import TWO_SIDED
+from ...statistics.estimators import noncentrality_interval
+from .modulation import Modulation, OfModulation, flat_fielded, picture_of
 
 SECTION = "ISO 12233 s-SFR"
 SECTORS = 8
@@ -39,24 +35,14 @@ less has 1.1."""
 
 
 @dataclass(frozen=True, eq=False)
-class SiemensStar:
+class SiemensStar(OfModulation):
     """Modulation transfer of a star.
 
     modulation : over the frequency along the rings, all directions together.
     centre : (x, y) of the star from the corner of the picture [samples].
     """
 
-    modulation: Modulation
     centre: tuple[float, float]
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """MTF50 and the modulation at Nyquist's frequency."""
-        return self.modulation.quantities
-
-    def plot(self, ax: Axes) -> None:
-        """The modulation with its band."""
-        self.modulation.plot(ax)
 
 
 class _Polar(NamedTuple):
@@ -73,19 +59,16 @@ class _Polar(NamedTuple):
         """All pixels around (x, y)."""
         y, x = np.indices(pixels.shape) + 0.5
         x, y = (x - centre[0]).ravel(), (y - centre[1]).ravel()
-        radius = np.hypot(x, y)
-        order = np.argsort(radius)
-        fields = radius, np.arctan2(y, x), x, y, pixels.ravel()
-        return cls(*(field[order] for field in fields))
+        fields = np.array([np.hypot(x, y), np.arctan2(y, x), x, y, pixels.ravel()])
+        return cls(*fields[:, np.argsort(fields[0])])
 
 
-class _Sector(NamedTuple):
-    """Of the pixels of a sector of a ring: complex amplitude, mean, variance of each part of the amplitude."""
+class _Ring(NamedTuple):
+    """Of the sectors of a ring: complex amplitudes, means, and variances of each part of the amplitudes, (8,) each."""
 
-    amplitude: complex
-    mean: float
-    variance: float
-    angle: float
+    amplitude: NDArray[np.complex128]
+    mean: Float64Array
+    variance: Float64Array
 
 
 def siemens_star(
@@ -120,9 +103,8 @@ def siemens_star(
         "sample_px", sample_px, 0.01, 100.0, "pixels, 2 for a plane of a mosaic"
     )
     largest = min(pixels.shape) / 2
-    radius = largest
-    if radius_px is not None:
-        radius = require("radius_px", radius_px, 8.0, largest, "pixels of this picture")
+    radius = largest if radius_px is None else radius_px
+    radius = require("radius_px", radius, 8.0, largest, "pixels of this picture")
     # One cycle per sample, and enough pixels.
     smallest = max(count, SECTORS * FEWEST_PIXELS / RING_PX) / (2 * math.pi)
     if radius < smallest + 3 * RING_PX:
@@ -144,9 +126,9 @@ def _find_centre(pixels: Float64Array, cycles: int, radius: float) -> Float64Arr
     centre = middle.copy()
     for share in np.linspace(0.95, 0.6, STEPS):
         outer = max(share * radius, cycles / math.pi)
-        sectors = _fit_ring(_Polar.around(pixels, centre), (outer - 2 * RING_PX, outer), cycles)
-        phases = np.unwrap([-np.angle(one.amplitude) for one in sectors])
-        angles = np.array([one.angle for one in sectors])
+        ring = _fit_ring(_Polar.around(pixels, centre), (outer - 2 * RING_PX, outer), cycles)
+        phases = np.unwrap(-np.angle(ring.amplitude))
+        angles = (np.arange(SECTORS) + 0.5) * 2 * math.pi / SECTORS - math.pi
         design = np.column_stack([np.ones_like(angles), np.sin(angles), -np.cos(angles)])
         solution = np.linalg.lstsq(design, phases, rcond=None)[0]
         centre = centre + solution[1:] * (outer - RING_PX) / cycles
@@ -159,53 +141,43 @@ def _find_centre(pixels: Float64Array, cycles: int, radius: float) -> Float64Arr
     return centre
 
 
-def _fit_ring(polar: _Polar, ring: tuple[float, float], cycles: int) -> list[_Sector]:
-    """The sectors of a ring from one radius to another."""
+def _fit_ring(polar: _Polar, ring: tuple[float, float], cycles: int) -> _Ring:
+    """A cosine and a sine beside a plane in every sector of a ring from one radius to another, by least squares."""
     inside = slice(*np.searchsorted(polar.radius, ring))
     part = _Polar(*(field[inside] for field in polar))
     number = np.floor((part.angle + math.pi) * SECTORS / (2 * math.pi)).astype(int) % SECTORS
-    waves = np.exp(1j * cycles * part.angle)
-    sectors = []
+    waves = cycles * part.angle
+    place = part.x / ring[1], part.y / ring[1]
+    whole = np.column_stack([np.cos(waves), np.sin(waves), np.ones_like(waves), *place])
+    fits = []
     for sector in range(SECTORS):
         own = number == sector
         if own.sum() < FEWEST_PIXELS / 2:
             raise InputError("the star is cut off; pass a picture that holds all of it.")
-        place = part.x[own] / ring[1], part.y[own] / ring[1]
-        sectors.append(_fit_sector(part.values[own], waves[own], place, sector))
-    return sectors
-
-
-def _fit_sector(
-    values: Float64Array,
-    waves: np.ndarray,
-    place: tuple[Float64Array, Float64Array],
-    sector: int,
-) -> _Sector:
-    """A cosine and a sine beside a plane, by least squares."""
-    design = np.column_stack([waves.real, waves.imag, np.ones_like(values), *place])
-    inverse = np.linalg.pinv(design.T @ design)
-    solution = inverse @ (design.T @ values)
-    residual = values - design @ solution
-    variance = float(residual @ residual) / (values.size - design.shape[1])
-    parts = np.diag(inverse)[:2].mean()
-    mean = float((design[:, 2:] @ solution[2:]).mean())
-    middle = (sector + 0.5) * 2 * math.pi / SECTORS - math.pi
-    return _Sector(complex(*solution[:2]), mean, float(variance * parts), middle)
+        design, values = whole[own], part.values[own]
+        inverse = np.linalg.pinv(design.T @ design)
+        solution = inverse @ (design.T @ values)
+        residual = values - design @ solution
+        variance = float(residual @ residual) / (values.size - design.shape[1])
+        mean = float((design[:, 2:] @ solution[2:]).mean())
+        fits.append((complex(*solution[:2]), mean, variance * np.diag(inverse)[:2].mean()))
+    amplitude, mean, variance = (np.array(column) for column in zip(*fits, strict=True))
+    return _Ring(amplitude, mean, variance)
 
 
 def _modulation(
-    rings: list[list[_Sector]],
+    rings: list[_Ring],
     radii: Float64Array,
     cycles: int,
     contrast: float,
     sample_px: float,
 ) -> Modulation:
     """The root of the mean square of the modulation of all sectors, ring by ring."""
-    mean = np.array([[one.mean for one in ring] for ring in rings])
+    mean = np.array([ring.mean for ring in rings])
     if not (mean > 0).all():
         raise InputError("the star is not brighter than black; take off the black level only.")
-    square = np.abs([[one.amplitude for one in ring] for ring in rings]) ** 2 / mean**2
-    variance = np.array([[one.variance for one in ring] for ring in rings]) / mean**2
+    square = np.abs([ring.amplitude for ring in rings]) ** 2 / mean**2
+    variance = np.array([ring.variance for ring in rings]) / mean**2
     total, noise = square.sum(axis=1), variance.mean(axis=1)
     value = np.sqrt(np.maximum(total - (2 * SECTORS - 1) * noise, 0.0) / SECTORS)
     low, high = _interval(total, noise)

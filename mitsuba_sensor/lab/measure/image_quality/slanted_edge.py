@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ....core import InputError, require
 from ....core.types import Float64Array
-from ...quantity import Quantity
-from .edge_line import find_line, middles, upright
-from .edge_spread import EdgeSpread, Samples, fit_edge_spread
-from .modulation import Modulation, modulus
-from .pictures import flat_fielded, picture_of
-from .uneven_light import UnevenLight, fit_uneven_light
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from .edge_spread import (
+    EdgeSpread,
+    Samples,
+    UnevenLight,
+    find_line,
+    fit_edge_spread,
+    fit_uneven_light,
+    middles,
+    upright,
+)
+from .modulation import Modulation, OfModulation, flat_fielded, modulus, picture_of
 
 SECTION = "ISO 12233:2023 e-SFR"
 CLIPPED_SHARE = 0.05
@@ -28,7 +29,7 @@ FREQUENCIES = 101
 
 
 @dataclass(frozen=True, eq=False)
-class SlantedEdge:
+class SlantedEdge(OfModulation):
     """Modulation transfer across an edge.
 
     modulation : over the frequency across the edge, up to one cycle per sample.
@@ -36,19 +37,9 @@ class SlantedEdge:
     distance_px, spread : the edge spread function, from the dark side to the bright one.
     """
 
-    modulation: Modulation
     angle_deg: float
     distance_px: Float64Array
     spread: Float64Array
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """MTF50 and the modulation at Nyquist's frequency."""
-        return self.modulation.quantities
-
-    def plot(self, ax: Axes) -> None:
-        """The modulation with its band."""
-        self.modulation.plot(ax)
 
 
 def slanted_edge(
@@ -56,7 +47,6 @@ def slanted_edge(
     *,
     flat: ArrayLike | None = None,
     sample_px: float = 1.0,
-    shading_order: int = 2,
     edge_order: int = 1,
 ) -> SlantedEdge:
     """Modulation transfer of a picture of one edge, which may lie in any direction.
@@ -68,10 +58,10 @@ def slanted_edge(
         for quantity in ms.lab.slanted_edge(edge).quantities:
             print(quantity)
 
-    picture : (H, W) linear values of one frame or the mean of several, without the black level.
+    picture : (H, W) linear values of one frame or the mean of several, without the black level. Uneven light, a
+        polynomial of the second order, is removed.
     flat : (H, W), the same pixels of an evenly lit surface, by which the picture is divided.
     sample_px : distance of neighbouring values, 2 for one plane of a Bayer mosaic, picture[0::2, 1::2].
-    shading_order : of the polynomial of the place that is removed, 0 for none: uneven light is no edge.
     edge_order : of the polynomial that the edge follows, up to 5 where the lens distorts.
     Raises InputError for pictures without an edge, and for edges along rows, columns or diagonals.
     """
@@ -81,14 +71,12 @@ def slanted_edge(
         "sample_px", sample_px, 0.01, 100.0, "pixels, 2 for a plane of a mosaic"
     )
     order = int(require("edge_order", edge_order, 1, 5, "a whole number, 1 for a line"))
-    shading = int(require("shading_order", shading_order, 0, 3, "a whole number, 0 for none"))
     turned = upright(pixels).picture
     rows, columns = turned.shape
     line = find_line(turned, order)
     x, y = middles((rows, columns))
-    place = x / columns - 0.5, y / rows
-    values = turned.ravel()
-    light = fit_uneven_light(values, line.distance(x, y), place, shading)
+    values, distance = turned.ravel(), line.distance(x, y)
+    light = fit_uneven_light(values, distance, x / columns - 0.5, y / rows)
     spread = fit_edge_spread(Samples(values / light.gain, x, y), line)
     modulation = _modulation(spread, light, values / light.gain, sample_px)
     modulation = replace(modulation, note=_note_clipped(raw))
@@ -98,7 +86,8 @@ def slanted_edge(
 
 def _note_clipped(picture: Float64Array) -> str:
     """Which side of the edge is clipped, or nothing; edges without any noise have two sides of equal values."""
-    low, high = (float((picture == end).mean()) for end in (picture.min(), picture.max()))
+    ends, least = (picture.min(), picture.max()), 1e-9 * np.ptp(picture)
+    low, high = (float((np.abs(picture - end) <= least).mean()) for end in ends)
     if max(low, high) < CLIPPED_SHARE or min(low, high) >= CLIPPED_SHARE:
         return ""
     end = "largest" if high > low else "smallest"

@@ -6,16 +6,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ....core import InputError, finite_numbers, require
 from ....core.types import Float64Array
 from ...frames.stack import COARSE_DN2, Stack, coarse_note, rounding_shift_dn
-from ...quantity import LEVEL, Quantity, no_value, normal_interval
-from ..log_axes import set_log_axes
+from ...quantity import LEVEL, Figures, Quantity, no_value, normal_interval
+from ..photon_transfer import set_log_axes
 from .patches import Patches, Region, measure_patches, require_regions
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ NO_RANGE = no_value("DR", "dynamic range", "dB", "ISO 15739")
 
 
 @dataclass(frozen=True, eq=False)
-class StepChart:
+class StepChart(Figures):
     """What a step chart shows.
 
     exposure_lxs : of the patches at the focal plane [lx s].  patches : their statistics.
@@ -50,18 +50,6 @@ class StepChart:
     noise_speed_40: Quantity
     noise_speed_10: Quantity
     dynamic_range: Quantity
-
-    @property
-    def quantities(self) -> tuple[Quantity, ...]:
-        """Response, linearity, speeds and dynamic range."""
-        return (
-            self.slope,
-            self.linearity_error,
-            self.saturation_speed,
-            self.noise_speed_40,
-            self.noise_speed_10,
-            self.dynamic_range,
-        )
 
     @property
     def snr(self) -> Float64Array:
@@ -89,8 +77,7 @@ class StepChart:
         ax.set(xlabel="exposure at the focal plane [lx s]", ylabel="signal-to-noise ratio")
 
 
-@dataclass(frozen=True, eq=False)
-class _Variance:
+class _Variance(NamedTuple):
     """A variance that is a polynomial of the signal, lowest power first [DN²], and its coefficients' covariance."""
 
     coefficients: Float64Array
@@ -113,26 +100,14 @@ class _Variance:
         return cls(coefficients, np.asarray(covariance, np.float64))
 
     def signal_at(self, ratio: float) -> tuple[float, float]:
-        """Signal with this signal-to-noise ratio, and its standard error [DN]; NaN where there is none."""
-        value = _root(self.coefficients, ratio)
-        steps = 0.1 * np.sqrt(np.diag(self.covariance))
-        slopes = np.zeros(steps.size)
-        for number, step in enumerate(steps):
-            moved = np.zeros(steps.size)
-            moved[number] = step
-            upper = _root(self.coefficients + moved, ratio)
-            lower = _root(self.coefficients - moved, ratio)
-            slopes[number] = (upper - lower) / (2 * step)
+        """The signal y for which y = ratio·√(a + b·y + c·y²), and its standard error [DN]; NaN where there is none."""
+        constant, linear, square = np.append(self.coefficients, 0.0)[:3] * ratio**2
+        rest = linear**2 + 4 * (1 - square) * constant
+        if square >= 1 or rest <= 0:
+            return math.nan, math.nan
+        value = float((linear + math.sqrt(rest)) / (2 * (1 - square)))
+        slopes = ratio**2 * value ** np.arange(len(self.coefficients)) / math.sqrt(rest)
         return value, math.sqrt(max(float(slopes @ self.covariance @ slopes), 0.0))
-
-
-def _root(coefficients: Float64Array, ratio: float) -> float:
-    """The signal y for which y = ratio·√(a + b·y + c·y²), or NaN."""
-    constant, linear, square = np.append(coefficients, 0.0)[:3] * ratio**2
-    rest = linear**2 + 4 * (1 - square) * constant
-    if square >= 1 or rest < 0:
-        return math.nan
-    return float((linear + math.sqrt(rest)) / (2 * (1 - square)))
 
 
 def step_chart(
@@ -193,69 +168,54 @@ def step_chart(
     if stack.whole_codes:
         error = np.hypot(error, [rounding_shift_dn(total) for total in patches.total])
     patches = patches._replace(mean_error=error)
-    part = Patches(*(field[usable] for field in patches))
+    part, light = patches.select(usable), exposures[usable]
+    response = _response(light, part)
     least_dn2 = COARSE_DN2 if stack.whole_codes else np.nextafter(0, 1)
-    noisy = np.minimum(part.temporal, part.total) >= least_dn2
-    return _figures(exposures, patches, exposures[usable], part, noisy, largest)
+    noisy = part.select(np.minimum(part.temporal, part.total) >= least_dn2)
+    hidden = coarse_note(float(part.temporal.min()))
+    saturation = no_value("S_sat", "saturation-based ISO speed", "", SATURATION)
+    if largest is None:
+        saturation = saturation.noted("pass bits of the stack, or saturation_dn")
+    else:
+        saturation = _speed(saturation, response, (largest, 0.0), SATURATION_CONSTANT)
+    return StepChart(
+        exposures,
+        patches,
+        response,
+        _linearity(light, part, response),
+        saturation,
+        *(_noise_speed(ratio, response, noisy, largest, hidden) for ratio in SPEED_RATIOS),
+        NO_RANGE.noted(hidden) if hidden else _dynamic_range(noisy, largest),
+    )
 
 
-def _figures(
-    exposures: Float64Array,
-    patches: Patches,
-    usable: Float64Array,
-    part: Patches,
-    noisy: NDArray[np.bool_],
-    largest: float | None,
-) -> StepChart:
-    """All figures.  usable, part : exposures and statistics of the patches that are not clipped.
-
-    noisy : which of them have temporal noise that rounding does not hide.
-    """
+def _response(exposures: Float64Array, part: Patches) -> Quantity:
+    """Slope of the signal over the exposure, through the black level. Raises InputError where it does not rise."""
     weight = 1 / np.square(part.mean_error)
-    information = float((weight * usable**2).sum())
-    slope = float((weight * usable * part.mean).sum()) / information
+    information = float((weight * exposures**2).sum())
+    slope = float((weight * exposures * part.mean).sum()) / information
     if not slope > 0:
         raise InputError(
             f"the signal above black changes by {slope:.3g} DN per lx s; pass patches that become brighter with their "
             "exposure, and the black level of the same frames."
         )
-    error = 1 / math.sqrt(information)
-    response = Quantity(
-        "s", "response", *normal_interval(slope, error), "DN/(lx s)", "ISO 14524"
-    )
-    hidden = coarse_note(float(part.temporal.min()))
-    of_noise = Patches(*(field[noisy] for field in part))
-    enough = int(noisy.sum()) >= FEWEST_NOISY
-    if enough:
-        total = _Variance.fit(of_noise.mean, of_noise.total, of_noise.total_error, 2)
-        temporal = _Variance.fit(of_noise.mean, of_noise.temporal, of_noise.temporal_error, 1)
+    interval = normal_interval(slope, 1 / math.sqrt(information))
+    return Quantity("s", "response", *interval, "DN/(lx s)", "ISO 14524")
 
-    def noise_speed(ratio: int) -> Quantity:
-        like = no_value(f"S_noise{ratio}", f"noise-based ISO speed, SNR {ratio}", "", NOISE)
-        if not enough:
-            return like.noted(hidden)
-        signal = total.signal_at(ratio)
-        if signal[0] < of_noise.mean.min() and hidden:
-            return like.noted(hidden)
-        if largest is not None and signal[0] > largest:
-            return like.noted(f"saturates before a signal-to-noise ratio of {ratio}")
-        return _speed(like, response, signal, NOISE_CONSTANT)
 
-    saturation = no_value("S_sat", "saturation-based ISO speed", "", SATURATION)
-    saturation = saturation.noted("pass bits of the stack, or saturation_dn")
-    if largest is not None:
-        like = no_value(saturation.symbol, saturation.name, "", SATURATION)
-        saturation = _speed(like, response, (largest, 0.0), SATURATION_CONSTANT)
-    return StepChart(
-        exposures,
-        patches,
-        response,
-        _linearity(usable, part, response),
-        saturation,
-        noise_speed(40),
-        noise_speed(10),
-        NO_RANGE.noted(hidden) if hidden else _dynamic_range(temporal, largest),
-    )
+def _noise_speed(
+    ratio: int, response: Quantity, noisy: Patches, largest: float | None, hidden: str
+) -> Quantity:
+    """Noise-based speed.  noisy : patches whose noise shows.  hidden : why that of others does not, or nothing."""
+    like = no_value(f"S_noise{ratio}", f"noise-based ISO speed, SNR {ratio}", "", NOISE)
+    if len(noisy.mean) < FEWEST_NOISY:
+        return like.noted(hidden)
+    signal = _Variance.fit(noisy.mean, noisy.total, noisy.total_error, 2).signal_at(ratio)
+    if signal[0] < noisy.mean.min() and hidden:
+        return like.noted(hidden)
+    if largest is not None and signal[0] > largest:
+        return like.noted(f"saturates before a signal-to-noise ratio of {ratio}")
+    return _speed(like, response, signal, NOISE_CONSTANT)
 
 
 def _speed(
@@ -267,15 +227,7 @@ def _speed(
         return like.noted("no exposure has this signal-to-noise ratio")
     speed = constant * response.value / value
     relative = math.hypot(error / value, response.standard_error / response.value)
-    return _filled(like, speed, speed * relative)
-
-
-def _filled(like: Quantity, value: float, error: float) -> Quantity:
-    """A quantity like this one with a normal interval."""
-    low, high = normal_interval(value, error)[1:]
-    return Quantity(
-        like.symbol, like.name, value, low, high, like.unit, like.section, like.note
-    )
+    return like.with_interval(normal_interval(speed, speed * relative))
 
 
 def _linearity(exposures: Float64Array, part: Patches, response: Quantity) -> Quantity:
@@ -295,10 +247,13 @@ def _linearity(exposures: Float64Array, part: Patches, response: Quantity) -> Qu
     return Quantity("LE_max", name, value, low, high, "%", "ISO 14524")
 
 
-def _dynamic_range(temporal: _Variance, largest: float | None) -> Quantity:
+def _dynamic_range(noisy: Patches, largest: float | None) -> Quantity:
     """Saturation over the signal with a temporal signal-to-noise ratio of 1 [dB]."""
-    signal, error = temporal.signal_at(1.0)
+    signal, error = math.nan, math.nan
+    if len(noisy.mean) >= FEWEST_NOISY:
+        noise = _Variance.fit(noisy.mean, noisy.temporal, noisy.temporal_error, 1)
+        signal, error = noise.signal_at(1.0)
     if largest is None or not (signal > 0 and math.isfinite(error)):
         return NO_RANGE.noted("needs the saturation, and a dark patch whose noise is above 0")
     decibel = 20 * math.log10(largest / signal)
-    return _filled(NO_RANGE, decibel, 20 / math.log(10) * error / signal)
+    return NO_RANGE.with_interval(normal_interval(decibel, 20 / math.log(10) * error / signal))

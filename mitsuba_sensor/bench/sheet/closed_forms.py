@@ -1,0 +1,126 @@
+"""Theory in closed form of the two charts whose figures are about noise: EMVA 1288 and the step chart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from ...camera.camera import Camera
+from ...camera.figures import QUANTISATION_DN2, emva_figures
+from ...core import Exposure
+from ...lab.frames.bench import Bench
+from ...lab.measure.image_quality.step_chart import NOISE_CONSTANT, SATURATION_CONSTANT
+from ...stages.stage import converter_of
+from ..datasheet import SIGMAS, Said, expected
+from ..rendered_field import field_at
+from ..virtual_bench import bench_shape, best_wavelength_nm
+from .chart import Lights, Setting
+from .charts import EMVA_SIDE
+from .optics import levels_of_filters
+from .patches import STEPS_GRID, steps_light
+
+Theory = Mapping[str, Mapping[str, Said]]
+"""By the name of the colour filter (empty for a camera with one), then by the symbol of the figure."""
+TEMPERATURE_K = 298.15
+"""Of frames that do not say theirs."""
+
+
+def names_of(camera: Camera) -> tuple[str, ...]:
+    """Names of the colour filters; an empty one for a camera with one filter."""
+    return camera.filter_names if len(camera.filter_names) > 1 else ("",)
+
+
+def closed_form(name: str, setting: Setting, lights: Lights) -> Theory:
+    """Theory of a chart by its name."""
+    camera = setting.camera
+    if name == "steps":
+        photons, exposures = steps_light(setting, lights[0])
+        electrons = levels_of_filters(camera, photons[-1], lights[0].bands) / exposures[-1]
+        return {
+            name: steps_figures(setting, float(own))
+            for name, own in zip(names_of(camera), electrons, strict=True)
+        }
+    rows, columns = bench_shape(camera, EMVA_SIDE)
+    pixels = (rows // len(camera.tile)) * (columns // len(camera.tile[0]))
+    return of_datasheet(camera, setting.exposure, best_wavelength_nm(camera), pixels)
+
+
+def theory_of_bench(camera: Camera, bench: Bench) -> Theory:
+    """Figures of a datasheet beside frames from disk, in the exposure of their flat fields."""
+    first = next(iter((*bench.flats, *bench.stacks)))
+    kelvin = TEMPERATURE_K if first.temperature_k is None else first.temperature_k
+    exposure = Exposure(min(one.exposure_s for one in bench.flats or (first,)), kelvin)
+    pixels = next(iter(first.of_filters().values())).mean.size
+    return of_datasheet(camera, exposure, bench.wavelength_nm, pixels)
+
+
+def of_datasheet(
+    camera: Camera, exposure: Exposure, wavelength_nm: float | None, pixels: int
+) -> Theory:
+    """EMVA 1288's figures.  wavelength_nm : of the light, or None.  pixels : that are measured behind each filter."""
+    efficiency = None if wavelength_nm is None else field_at(camera, wavelength_nm).efficiency
+    return {
+        name: expected(
+            camera, exposure, None if efficiency is None else float(efficiency[number]), pixels
+        )
+        for number, name in enumerate(names_of(camera))
+    }
+
+
+def steps_figures(setting: Setting, electrons_per_lxs: float) -> dict[str, Said]:
+    """What a step chart shows of a camera whose response is a line, behind one filter."""
+    camera = setting.camera
+    known, adc = emva_figures(camera, setting.exposure), converter_of(camera.stages)
+    gain = known.system_gain_dn_per_e
+    response, largest_dn = gain * electrons_per_lxs, adc.highest - adc.black_level_dn
+    temporal_dn2 = (gain * known.temporal_dark_noise_e) ** 2 + QUANTISATION_DN2
+    decibel = 20 * math.log10(largest_dn / _signal(1.0, temporal_dn2, gain, 0.0))
+    said = {
+        "s": _of_chip(response, camera),
+        "S_sat": _of_chip(SATURATION_CONSTANT * response / largest_dn, camera),
+        "DR": Said(decibel, decibel, decibel),
+    }
+    for ratio in (40, 10):
+        signals_dn = [
+            _signal(float(ratio), temporal_dn2 + dark_dn2, gain, prnu2)
+            for dark_dn2, prnu2 in _fixed_patterns(setting, gain)
+        ]
+        if max(signals_dn) < largest_dn:
+            speeds = [NOISE_CONSTANT * response / signal_dn for signal_dn in signals_dn]
+            said[f"S_noise{ratio}"] = Said(speeds[0], min(speeds), max(speeds))
+    return said
+
+
+def _fixed_patterns(setting: Setting, gain: float) -> list[tuple[float, float]]:
+    """Variance of DSNU [DN²] and square of PRNU in a patch: the camera's, and the least and the most that so few
+    columns may have."""
+    camera = setting.camera
+    columns = STEPS_GRID.side(camera)[1] // len(camera.tile[0])
+    patterns = expected(camera, setting.exposure, None, 1)
+    pixel, column, row = (
+        patterns.get(f"DSNU1288_{name}", Said(0.0, 0.0, 0.0)).value
+        for name in ("pixel", "col", "row")
+    )
+    variances = []
+    for sigmas in (0.0, -SIGMAS, SIGMAS):
+        share = max(1 + sigmas * math.sqrt(2 / columns), 0.0)
+        dark_e2 = pixel**2 + share * (column**2 + row**2)
+        prnu2 = camera.pixel.prnu**2 + share * camera.readout.prnu_col**2
+        variances.append((gain**2 * dark_e2, prnu2))
+    return variances
+
+
+def _signal(ratio: float, dark_dn2: float, gain: float, prnu2: float) -> float:
+    """The signal y [DN] with this ratio to the noise √(dark + K·y + PRNU²·y²); infinite if there is none."""
+    rest = 1 - ratio**2 * prnu2
+    if rest <= 0:
+        return math.inf
+    linear = ratio**2 * gain
+    return (linear + math.sqrt(linear**2 + 4 * rest * ratio**2 * dark_dn2)) / (2 * rest)
+
+
+def _of_chip(value: float, camera: Camera) -> Said:
+    """A figure that is proportional to the response: that of the brightest patch, whose columns have their PRNU."""
+    columns = camera.readout.prnu_col / math.sqrt(STEPS_GRID.patch_px)
+    share = SIGMAS * math.hypot(columns, camera.pixel.prnu / STEPS_GRID.patch_px)
+    return Said(value, value * (1 - share), value * (1 + share))

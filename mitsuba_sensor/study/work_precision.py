@@ -1,0 +1,382 @@
+"""``study work-precision``: error against run time, of the light that is rendered and of the frames made from it."""
+
+from __future__ import annotations
+
+import math
+import os
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import mitsuba_sensor as ms
+
+from ..lab.statistics.estimators import Spread, spread
+from ..pages.page import Line, Mark, MarkedRow, Plot, Section, Study, line, study_of, table
+from .kit import (
+    QUANTITIES,
+    Array,
+    Options,
+    Progress,
+    Subject,
+    change_of_moments,
+    measured,
+    moments,
+    time_in_turns,
+)
+
+SIDES = ("render", "sensor")
+RENDERS: dict[str, Options] = {
+    "as shipped": {},
+    "one band": {"bandwidth_nm": 470.0},
+    "channels": {"spectral": "channels"},
+    "denoised": {"denoise": True},
+}
+"""Options of a render; the first is compared on every variant."""
+VARIANTS = "cuda_ad_spectral", "llvm_ad_spectral", "scalar_spectral"
+ENGINES = ("numpy", "float32"), ("drjit", "float32"), ("cuda", "float32")
+TOLERANCES_DN: tuple[float | None, ...] = None, 0.02, 1.0
+"""Of plans; None is the whole chain."""
+REFERENCE = "NumPy float64"
+FINER = 4.0
+"""The reference must be so many times finer than the tolerance."""
+REFERENCE_S, RUN_S = 8.0, 0.6
+"""Longest reference, and longest render of a ladder [s]."""
+SPP_MIN, RUNGS = 16, 7
+"""Samples of the first rung, each of the next has three times as many, and the most rungs."""
+DARKEST = 0.1
+"""Of the mean light: the errors of darker pixels are relative to this, or they would be all."""
+TURNS, SENSORS, FRAMES, FRAMES_A_TURN = 7, 16, 2, 4
+USUAL_DN, FLOAT32_DN, LEAST_DN = 0.02, 0.01, 1e-5
+"""Tolerance of the recommendation, what float32 may change, and the smallest change on the plot [DN]."""
+SIGNIFICANT = 4.0
+"""Standard errors by which a change may exceed a limit at random, in so many comparisons."""
+
+
+class Point(NamedTuple):
+    """What one setting gives.  seconds : median between quartiles, of a render or of a frame."""
+
+    setting: str
+    options: str
+    seconds: Spread
+    error: float
+    standard_error: float
+
+
+def work_precision(
+    subject: Subject,
+    progress: Progress,
+    *,
+    tolerance: float = 0.01,
+    seeds: int = 4,
+    variants: Sequence[str] | None = None,
+    sides: Sequence[str] = SIDES,
+) -> Study:
+    """Error against run time of a render and of the frames.
+
+    tolerance : relative rms error of a pixel's electrons for which options are recommended.
+    seeds : independent runs of each setting.  variants : of Mitsuba, the first with all settings.
+    sides : "render", "sensor" or both.
+    Raises InputError for a variant that does not work, and for what :func:`mitsuba_sensor.render` would refuse.
+    """
+    if isinstance(sides, str) or not sides or set(sides) - set(SIDES):
+        raise ms.InputError(
+            f"sides is {sides!r}; it must be one or both of {', '.join(SIDES)}."
+        )
+    if not 0 < tolerance <= 1:
+        raise ms.InputError(
+            f"tolerance is {tolerance:g}; it must be a relative error, e.g. 0.01."
+        )
+    if seeds != int(seeds) or seeds < 2:
+        raise ms.InputError(f"seeds is {seeds}; it must be at least 2 runs, e.g. 4.")
+    sections = []
+    if "render" in sides:
+        sections.append(render_section(subject, tolerance, int(seeds), variants, progress))
+    if "sensor" in sides:
+        sections.append(sensor_section(subject, progress))
+    name = os.path.basename(subject.scene)
+    title = f"Error against run time: {name}, {subject.camera.name}"
+    return study_of("work-precision", title, sections)
+
+
+class Reference(NamedTuple):
+    """A long render.
+
+    electrons : mean ones of each pixel, (H, W).  scale : that errors are relative to.  seen : pixels that count.
+    error : relative rms error of its own.
+    """
+
+    electrons: Array
+    scale: Array
+    seen: NDArray[np.bool_]
+    error: float
+
+    def square(self, electrons: Array) -> float:
+        """Mean squared relative error of another render, the reference's own error included."""
+        return float(np.mean(np.square((electrons - self.electrons) / self.scale)[self.seen]))
+
+
+def working_variants(subject: Subject, asked: Sequence[str] | None) -> list[str]:
+    """The variants that are asked for, else those that work here. Raises InputError if none does."""
+    names, problem = [], None
+    for name in asked or VARIANTS:
+        try:
+            subject.render(1, spp=1, denoise=False, variant=name)
+            names.append(name)
+        except ms.InputError as error:
+            problem = error
+    if problem and (asked or not names):
+        raise problem
+    return names
+
+
+def rendered(subject: Subject, seed: int, **options: Any) -> tuple[Array, ms.Irradiance]:
+    """Mean electrons of each pixel, (H, W), and the render."""
+    light = subject.render(seed, **{"denoise": False, **options})
+    detected = ms.expose(subject.photons(light), subject.camera, subject.exposure).detected
+    return np.asarray(detected.mean_e, np.float64), light
+
+
+def reference_of(subject: Subject, settings: Mapping[str, Options]) -> Reference:
+    """A render of some seconds with channels, which have no error of bands, or with the bands as shipped."""
+    has_channels = subject.camera.quantum_efficiency.quantum_yield is None
+    options = settings["channels" if has_channels else "as shipped"]
+    electrons, light = rendered(subject, 0, max_seconds=REFERENCE_S, **options)
+    seen = (electrons > 0) & (electrons < subject.camera.pixel.full_well_e)
+    seen = seen if seen.any() else electrons > 0
+    scale = np.maximum(electrons, DARKEST * electrons[seen].mean())
+    own = light.relative_error * electrons / scale
+    return Reference(electrons, scale, seen, float(np.sqrt(np.square(own[seen]).mean())))
+
+
+def render_section(
+    subject: Subject,
+    tolerance: float,
+    seeds: int,
+    variants: Sequence[str] | None,
+    progress: Progress,
+) -> Section:
+    """Every way to render the scene against one long render."""
+    progress("variants", 0.0)
+    names = working_variants(subject, variants)
+    settings = {name: {**options, "variant": names[0]} for name, options in RENDERS.items()}
+    settings |= {name: {"variant": name} for name in names[1:]}
+    progress("reference render", 0.0)
+    exact = reference_of(subject, settings)
+    steps = {
+        f"renders {name}": partial(ladder, subject, name, options, exact, tolerance, seeds)
+        for name, options in settings.items()
+    }
+    points = [point for own in measured(steps, progress).values() for point in own]
+    best, advice = recommended(points, exact.error, tolerance)
+    picture = Plot(
+        "Error of a pixel versus render time",
+        "time of a render [s]",
+        "relative rms error [1]",
+        lines_of(points, best),
+        levels={f"tolerance {tolerance:g}": tolerance, "error of the reference": exact.error},
+        note="Relative rms error of a pixel's electrons, below the full well; pixels darker than a tenth of the mean "
+        f"count relative to that. The reference's own error ({exact.error:.2g}) is subtracted; smaller errors are not "
+        "shown. Bars are 1 σ, and quartiles of the time.",
+    )
+    rows = list[MarkedRow]()
+    for one in points:
+        mark: Mark = "best" if one is best else ""
+        rows.append((mark, (one.setting, one.options, *_middle_first(one.seconds), *one[3:])))
+    headings = "setting | options | time [s] | from | to | error [1] | ± [1]"
+    return Section((advice,), True, (picture, table("Renders", headings, rows)))
+
+
+def ladder(
+    subject: Subject,
+    name: str,
+    options: Options,
+    exact: Reference,
+    tolerance: float,
+    seeds: int,
+) -> list[Point]:
+    """Renders of one setting, each rung with three times the samples, until one is fine or long enough.
+
+    The reference's own error is subtracted; a rung that is not clear of it is left out.
+    """
+    rendered(subject, 0, spp=SPP_MIN, **options)  # compiles
+    points = []
+    for rung in range(RUNGS):
+        spp, squares, seconds = SPP_MIN * 3**rung, list[float](), list[float]()
+        for seed in range(1, seeds + 1):
+            electrons, light = rendered(subject, 1000 * seed + spp, spp=spp, **options)
+            squares.append(exact.square(electrons))
+            seconds.append(light.statistics.seconds)
+        square = statistics.fmean(squares) - exact.error**2
+        if square > exact.error**2:
+            error = math.sqrt(square)
+            scatter = statistics.stdev(squares) / math.sqrt(seeds) / (2 * error)
+            typed = typed_options(options, light.statistics.samples_per_pixel)
+            points.append(Point(name, typed, spread(seconds), error, scatter))
+        if square < tolerance**2 or statistics.median(seconds) > RUN_S:
+            break
+    return points
+
+
+def recommended(
+    points: Sequence[Point], own_error: float, tolerance: float
+) -> tuple[Point | None, str]:
+    """The fastest point within the tolerance, and a sentence about it."""
+    goal = f"For a relative error of {tolerance:g}"
+    if own_error * FINER > tolerance:
+        return None, (
+            f"No render is recommended: the reference has an error of {own_error:.2g} itself after {REFERENCE_S:g} s, "
+            f"and it must be {FINER:g} times finer than the tolerance of {tolerance:g}; ask for --tolerance "
+            f"{FINER * own_error * 1.1:.1g} or more."
+        )
+    best = fastest(points, tolerance)
+    if best is None:
+        return None, f"{goal}, no measured setting suffices within {RUN_S:g} s a render."
+    return best, f"{goal}, render with {best.options}: {best.seconds.median:.2g} s."
+
+
+def fastest(points: Sequence[Point], tolerance: float) -> Point | None:
+    """The fastest point whose error, and one standard error more, is within the tolerance."""
+    fit = [one for one in points if one.error + one.standard_error <= tolerance]
+    return min(fit, key=lambda one: one.seconds.median, default=None)
+
+
+def _middle_first(seconds: Spread) -> tuple[float, float, float]:
+    return seconds.median, seconds.low, seconds.high
+
+
+def typed_options(options: Options, spp: int) -> str:
+    """Options of a render as they are typed."""
+    asked = {"spp": spp, **options}
+    denoised = asked.pop("denoise", False)
+    typed = [f"--{name.replace('_', '-')} {value}" for name, value in asked.items()]
+    return " ".join(typed if denoised else [*typed, "--no-denoise"])
+
+
+def lines_of(
+    points: Sequence[Point], best: Point | None, unit: float = 1.0
+) -> tuple[Line, ...]:
+    """A line for each setting, and a star on the recommended point.  unit : of the times."""
+    lines = []
+    for name in dict.fromkeys(one.setting for one in points):
+        own = [one for one in points if one.setting == name]
+        lines.append(line(name, [_place(one, unit) for one in own]))
+    if best is not None:
+        place = _place(best, unit)[:2]
+        lines.append(line(f"recommended: {best.options}", [place], joined=False, star=True))
+    return tuple(lines)
+
+
+def _place(one: Point, unit: float) -> tuple[float, float, float, float]:
+    seconds = one.seconds
+    return (
+        unit * seconds.median,
+        max(one.error, LEAST_DN),
+        one.standard_error,
+        unit * (seconds.high - seconds.low) / 2,
+    )
+
+
+def sensor_section(subject: Subject, progress: Progress) -> Section:
+    """Frames of every engine, precision and plan against those of NumPy in float64 with the same random numbers."""
+    progress("light", 0.0)
+    photons = subject.photons(subject.render(1, spp=32, denoise=False))
+    settings, absent = dict[str, Options](), list[str]()
+    limits, plans = dict[str, float](), dict[float | None, Any]({None: None})
+    for dn in filter(None, TOLERANCES_DN):
+        plans[dn] = ms.plan(subject.camera, subject.exposure, photons, dn)
+    for engine, precision in ENGINES:
+        try:
+            ms.expose(np.ones((1, 1)), subject.camera, subject.exposure, engine=engine)
+        except ms.InputError as error:
+            absent.append(f"Not measured on this machine: engine {engine} ({str(error)[:-1]}).")
+            continue
+        for dn in TOLERANCES_DN:
+            name = f"{engine} {precision}" + ("" if dn is None else f", plan {dn:g} DN")
+            settings[name] = {"engine": engine, "precision": precision, "plan": plans[dn]}
+            limits[name] = dn or FLOAT32_DN
+    every = {REFERENCE: {"engine": "numpy", "precision": "float64"}, **settings}
+    pixels = photons.mean.shape[0] * photons.mean.shape[1]
+    stream = partial(ms.stream, photons, subject.camera, subject.exposure, frames=2**31)
+    tasks = {name: partial(_take, stream(**options)) for name, options in every.items()}
+    steps: Options = {
+        f"frames {name}": partial(_moments, photons, subject, options)
+        for name, options in every.items()
+    }
+    steps["seconds of frames"] = lambda: time_in_turns(tasks, TURNS)
+    found = measured(steps, progress)
+    seconds, exact = found["seconds of frames"], found[f"frames {REFERENCE}"]
+    points, rows, failed = list[Point](), list[MarkedRow](), list[str]()
+    for name, limit in limits.items():
+        change, error = change_of_moments(found[f"frames {name}"], exact)
+        worst = int(np.abs(change).argmax())
+        holds = bool((np.abs(change) <= limit + SIGNIFICANT * error).all())
+        failed += [] if holds else [name]
+        size = abs(float(change[worst]))
+        points.append(Point(name, name, spread(seconds[name]), size, float(error[worst])))
+        times = (1e9 * x / pixels for x in _middle_first(points[-1].seconds))
+        rows.append(("good" if holds else "bad", (name, *times, *change.tolist(), limit)))
+    best = fastest(points, USUAL_DN)
+    reference_ns = 1e9 * spread(seconds[REFERENCE]).median / pixels
+    findings = list(absent)
+    if best is not None:
+        ns = 1e9 * best.seconds.median / pixels
+        findings.insert(
+            0,
+            f"For frames within {USUAL_DN:g} DN, use {best.setting}: {ns:.3g} ns per pixel, {reference_ns / ns:.2g} "
+            f"times as fast as {REFERENCE}; mean and σ change by {best.error:.1g} DN at most.",
+        )
+    shape = f"{photons.mean.shape[1]} × {photons.mean.shape[0]}"
+    note = (
+        f"Each point is one setting: the largest change in mean, temporal σ or spatial σ of frames of {shape} pixels "
+        f"from {REFERENCE} with the same random numbers. Changes below {LEAST_DN:g} DN are drawn there. Bars are 1 σ, "
+        "and quartiles of the time."
+    )
+    picture = Plot(
+        "Frame error versus run time",
+        "run time [ns/pixel]",
+        "largest change [DN]",
+        lines_of(points, best, 1e9 / pixels),
+        levels={
+            f"tolerance {USUAL_DN:g} DN": USUAL_DN,
+            f"|{REFERENCE}, reference": reference_ns,
+        },
+        note=note,
+    )
+    changes = " | ".join(f"change of {name} [DN]" for name in QUANTITIES)
+    headings = f"setting | time [ns/pixel] | from | to | {changes} | limit [DN]"
+    shown = table(
+        "Settings of the sensor",
+        headings,
+        rows,
+        f"{SENSORS} sensors with {FRAMES} frames each; a change may exceed its limit by {SIGNIFICANT:g} standard "
+        "errors. Times are medians between quartiles, in turns.",
+    )
+    return Section(tuple(findings), not failed, (picture, shown), failed=tuple(failed))
+
+
+def _take(frames: Iterator[object]) -> int:
+    """Several frames of a stream, of which the next is computed meanwhile; how many."""
+    for _ in range(FRAMES_A_TURN):
+        next(frames)
+    return FRAMES_A_TURN
+
+
+def _moments(photons: ms.Photons, subject: Subject, options: Options) -> Array:
+    """Moments of the frames of every sensor."""
+    taken = [
+        ms.expose(
+            photons,
+            subject.camera,
+            subject.exposure,
+            frames=FRAMES,
+            serial=n,
+            seed=n,
+            **options,
+        ).digital
+        for n in range(1, SENSORS + 1)
+    ]
+    return moments(taken)
