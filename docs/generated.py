@@ -145,7 +145,8 @@ def _command(path: str, command: Any, shared: set[str]) -> str:
     usage = " ".join(["mitsuba-sensor", path, *needed])
     rows = [row for one in _options(command) if (row := _option(one)) not in shared]
     others = ", ".join(_names(one) for one in _options(command) if _option(one) in shared)
-    parts = [f"## {path}", f"`{usage}`", _plain(textwrap.dedent(command.help or "").strip())]
+    text = textwrap.dedent(command.help or "").strip().partition("\n\n")[0]
+    parts = [f"## {path}", f"`{usage}`", _plain(text)]
     if rows:
         parts.append("\n".join(["| option | what it does |", "|---|---|", *rows]))
     if others:
@@ -225,10 +226,10 @@ def sensor() -> str:
 
 
 def camera_file() -> str:
-    """The tables of all keys of a camera file, without the inside of a ray-transfer function."""
+    """The tables of all keys of a camera file, without the inside of a lens prescription."""
     parts = []
     for one in TABLES:
-        if not one.path.startswith("lens.prescription.ray_transfer"):
+        if not one.path.startswith("lens.prescription."):
             title = f"`{one.header}`\n\n{one.meaning}" if one.path else "Top of the file"
             rows = "\n".join(map(_key, one.entries))
             head = "| key | range | default | meaning |\n|---|---|---|---|"

@@ -6,7 +6,6 @@ import re
 from functools import cache
 from pathlib import Path
 
-import pytest
 from helpers import ROOT
 
 PACKAGE = ROOT / "mitsuba_sensor"
@@ -49,17 +48,17 @@ def anchors(page: Path) -> set[str]:
     }
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_every_link_image_and_anchor_of_a_page_resolves(page: Path) -> None:
+def test_every_link_image_and_anchor_of_a_page_resolves() -> None:
     broken = []
-    for target in re.findall(r"\]\(([^)\s]+)\)", without_code(page.read_text("utf-8"))):
-        if re.match(r"https?:|mailto:", target):
-            continue
-        file, _, anchor = target.partition("#")
-        path = (page.parent / file).resolve() if file else page
-        if not path.exists() or (anchor and anchor not in anchors(path)):
-            broken.append(target)
-    assert not broken
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)\s]+)\)", without_code(page.read_text("utf-8"))):
+            if re.match(r"https?:|mailto:", target):
+                continue
+            file, _, anchor = target.partition("#")
+            path = (page.parent / file).resolve() if file else page
+            if not path.exists() or (anchor and anchor not in anchors(path)):
+                broken.append(f"{page.name}: {target}")
+    assert not broken, broken
 
 
 @cache
@@ -91,16 +90,18 @@ def names_of_tests() -> set[str]:
     return {path.stem for path in paths} | {name for those in functions for name in those}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_files_and_tests_that_a_page_names_exist(page: Path) -> None:
-    text = page.read_text("utf-8")
-    named = re.findall(r"`(test_\w+?)(…?)`", text)
-    unknown = [
-        name
-        for name, more in named
-        if not any(t == name or (more and t.startswith(name)) for t in names_of_tests())
-    ]
-    assert not missing_files(text) + unknown
+def test_files_and_tests_that_a_page_names_exist() -> None:
+    unknown = []
+    for page in PAGES:
+        text = page.read_text("utf-8")
+        named = re.findall(r"`(test_\w+?)(…?)`", text)
+        unknown += [
+            f"{page.name}: {name}"
+            for name, more in named
+            if not any(t == name or (more and t.startswith(name)) for t in names_of_tests())
+        ]
+        unknown += [f"{page.name}: {name}" for name in missing_files(text)]
+    assert not unknown, unknown
 
 
 def test_files_that_docstrings_and_comments_name_exist() -> None:

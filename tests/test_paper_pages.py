@@ -155,6 +155,3 @@ def test_the_published_normal_and_log_normal_fits_do_not_belong_to_one_sample() 
     """σ of lnN(4.0241, 0.033) is 1.848 DN; gamma(914.6579, 0.0611) has the same."""
     assert dark.moments(DARK_SIGNALS[0])[1] == pytest.approx(1.848, abs=1e-3)
     assert dark.moments(DARK_SIGNALS[2]) == pytest.approx((55.8856, 1.8479), abs=1e-3)
-
-
-# The page

@@ -7,8 +7,9 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from ..camera.camera import Camera
-from ..camera.figures import emva_figures
+from ..camera.figures import QUANTISATION_DN2, emva_figures
 from ..core import Exposure
+from ..lab.frames.stack import COARSE_DN2
 from ..stages.effects.dark_current import dark_current_model, mean_dark_e
 from ..stages.stage import place_of_count
 
@@ -47,7 +48,6 @@ def expected(
     gain, full_e = figures.system_gain_dn_per_e, figures.saturation_e
     exact = {
         "K": gain,
-        "K_scene": gain,
         "K·σ_d": gain * figures.temporal_dark_noise_e,
         "σ_d": figures.temporal_dark_noise_e,
         "µ_e.min": figures.absolute_sensitivity_e,
@@ -61,6 +61,8 @@ def expected(
         "RTS": 100 * dark.rts_fraction,
     }
     found = {symbol: Said(value, value, value) for symbol, value in exact.items()}
+    if (gain * figures.temporal_dark_noise_e) ** 2 + QUANTISATION_DN2 >= COARSE_DN2:
+        found["K_scene"] = found["K"]  # below, rounding bends the curve of a scene's dark rows
     near_e = SIGMAS * math.hypot(math.sqrt(full_e), pixel.prnu * full_e)
     sat = found["µ_e.sat"] = Said(full_e, full_e - near_e, full_e)
     if place_of_count(camera.stages):

@@ -347,6 +347,7 @@ def transfer_section(twin: Twin, residuals: Sequence[Mapping[str, float]]) -> Se
         log_y=False,
         levels={"no difference": 0.0},
     )
-    failed = (f"photon transfer ({worst['z']:.2g} σ at {worst['mean_dn']:.4g} DN)",)
-    failed = failed if abs(worst["z"]) > most else ()
+    failed: tuple[str, ...] = ()
+    if abs(worst["z"]) > most:
+        failed = (f"photon transfer ({worst['z']:.2g} σ at {worst['mean_dn']:.4g} DN)",)
     return Section((text,), not failed, (curve, shown), failed=failed)

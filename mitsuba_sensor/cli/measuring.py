@@ -95,7 +95,7 @@ def study_sheet(found: "Study", path: str) -> RenderableType:
     style = "bold red"
     if found.passed:
         style = "bold yellow" if found.missing else "bold green"
-    title = Text.assemble((found.title, "bold"), " – ", (found.verdict, style), f" → {path}")
+    title = Text.assemble((found.title, "bold"), " – ", (found.headline, style), f" → {path}")
     tables = [_table(part) for part in found.parts if isinstance(part, Table) and part.rows]
     return Group(title, *(Text(f"• {one}") for one in found.findings), *tables)
 

@@ -112,7 +112,7 @@ def require_bounded(
     """
     expansion, folders = Expansion(values), [path.resolve().parent]
 
-    def walk(text: str, file: Path, depth: int) -> None:
+    def follow(text: str, file: Path, depth: int) -> None:
         expansion.include(file, depth)
         has_parameters = "$" in text
 
@@ -131,11 +131,13 @@ def require_bounded(
                 inner = next((place for place in places if place.is_file()), None)
                 if inner is not None:  # else Mitsuba says so
                     require_small(inner, "the scene file", MOST_BYTES)
-                    walk(inner.read_text(encoding="utf-8", errors="replace"), inner, depth + 1)
+                    follow(
+                        inner.read_text(encoding="utf-8", errors="replace"), inner, depth + 1
+                    )
 
         _parse(text, file, tell, strict=False)
 
-    walk(text, path, 0)
+    follow(text, path, 0)
 
 
 def _parse(

@@ -25,6 +25,8 @@ COLOURS = (
 """Colours that colour-blind readers tell apart (Okabe & Ito 2008, and two more)."""
 FILTERS = {"R": "#C0392B", "G": "#1E8449", "G (2)": "#7CB342", "B": "#1F5FBF"}
 """Colours of the series that are named by a colour filter."""
+LEVELS = ":", "-.", "--"
+"""Styles of lines across a plot."""
 MARKERS = "osD^vPX*>"
 """One more than colours, so series differ in both."""
 WIDTH_IN, HEIGHT_IN, ROW_IN, DPI = 6.4, 3.8, 0.26, 160
@@ -72,11 +74,14 @@ def _drawn(picture: Picture, **options: Any) -> bytes:
         unique = dict(zip(labels, handles, strict=True))
         if unique:
             columns = 2 if max(map(len, unique)) > LONG_LABEL else min(4, len(unique))
-            below = {
-                "loc": "upper center",
-                "bbox_to_anchor": (0.5, -0.55 / figure.get_figheight()),
-            }
-            axes.legend(unique.values(), unique.keys(), ncols=columns, **below)
+            place = 0.5, -0.55 / figure.get_figheight()
+            axes.legend(
+                list(unique.values()),
+                list(unique),
+                ncols=columns,
+                loc="upper center",
+                bbox_to_anchor=place,
+            )
         if options["format"] == "png":
             axes.set_title(picture.title, loc="left", fontsize=10.5)
         figure.savefig(buffer, bbox_inches="tight", **options)
@@ -112,9 +117,8 @@ def draw_plot(plot: Plot, axes: Axes) -> None:
             color=colour_of(one.label, number),
             **_style(one, number),
         )
-    for name, value in plot.levels.items():
-        vertical = name.startswith("|")
-        draw, style = (axes.axvline, "-.") if vertical else (axes.axhline, ":")
+    for (name, value), style in zip(plot.levels.items(), LEVELS, strict=False):
+        draw = axes.axvline if name.startswith("|") else axes.axhline
         draw(value, color="black", linewidth=1, linestyle=style, label=name.lstrip("|"))
     axes.set(xlabel=_without_one(plot.x_label), ylabel=_without_one(plot.y_label))
     if plot.log_x:

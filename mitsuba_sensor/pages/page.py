@@ -58,7 +58,9 @@ class Line:
 
 def line(label: str, points: Sequence[tuple[float, ...]], **style: Any) -> Line:
     """A line through points (x, y), (x, y, error) or (x, y, error, x_error)."""
-    return Line(label, *(tuple(values) for values in zip(*points, strict=True)), **style)
+    x, y, *rest = (tuple(values) for values in zip(*points, strict=True))
+    error, x_error = (*rest, (), ())[:2]
+    return Line(label, x, y, error, x_error, **style)
 
 
 @dataclass(frozen=True)
@@ -136,15 +138,21 @@ class Study(Section):
 
     @property
     def verdict(self) -> str:
-        """The headline: that all checks passed, or which failed, and what was not measured."""
+        """That all checks passed, or which failed, and what was not measured."""
         verdicts = []
         if not self.passed:
-            verdicts.append("✗ some checks failed")
+            verdicts.append("some checks failed")
             if self.failed:
                 verdicts[0] += f": {', '.join(self.failed)}"
         if self.missing:
             verdicts.append(f"not measured: {', '.join(self.missing)}")
-        return "; ".join(verdicts) or ("✓ all checks passed" if self.checked else "")
+        return "; ".join(verdicts) or ("all checks passed" if self.checked else "")
+
+    @property
+    def headline(self) -> str:
+        """The verdict with its sign."""
+        sign = "✗ " if not self.passed else "✓ " if self.verdict and not self.missing else ""
+        return sign + self.verdict
 
     def to_dict(self) -> dict[str, Any]:
         """The values of study.json; numbers of drawings are in the data."""
@@ -163,9 +171,7 @@ class Study(Section):
         return {**about, **self.data, "parts": parts}
 
 
-def study_of(
-    name: str, title: str, sections: Sequence[Section], checked: bool = True, **data: object
-) -> Study:
+def study_of(name: str, title: str, sections: Sequence[Section], **data: object) -> Study:
     """Sections as one study."""
     return Study(
         tuple(finding for section in sections for finding in section.findings),
@@ -176,5 +182,4 @@ def study_of(
         data,
         failed=tuple(one for section in sections for one in section.failed),
         missing=tuple(dict.fromkeys(one for section in sections for one in section.missing)),
-        checked=checked,
     )

@@ -125,9 +125,11 @@ def run_study(
 ) -> Study:
     """Run a study and write its page, its numbers and its first picture, or every picture."""
     require_folder(folder)
-    began, load = time.perf_counter(), f"{os.getloadavg()[0]:.1f} other processes at the start"
+    began, load = time.perf_counter(), "unknown"
+    if hasattr(os, "getloadavg"):  # not on Windows
+        load = f"{os.getloadavg()[0]:.1f} processes were running when the study began"
     outcome = study(progress)
-    made = {"machine": machine(), "load": load, "versions": versions()}
+    made: dict[str, object] = {"machine": machine(), "load": load, "versions": versions()}
     made["seconds"] = round(time.perf_counter() - began, 1)
     outcome = replace(outcome, data={**outcome.data, **about, **made})
     pictures = [part for part in outcome.parts if not isinstance(part, Table)]

@@ -148,10 +148,8 @@ def frames_off(
     if engine == SENSORS[0]:
         return stages_off(frames)
     exact = SENSORS[0].expose(light, camera, exposure, keep=("electrons",))
-    pairs = (
-        (electrons, exact.electrons, 1.0),
-        (digital, exact.digital, camera.system_gain_dn_per_e),
-    )
+    gain = camera.system_gain_dn_per_e
+    pairs = (electrons, np.float64(exact.electrons), 1.0), (digital, exact.digital, gain)
     off = []
     for found, other, step in pairs:
         error = np.std(other) / math.sqrt(light.size) + RARE * max(step, 1.0) / light.size

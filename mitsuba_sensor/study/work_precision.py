@@ -37,7 +37,11 @@ RENDERS: dict[str, Options] = {
 }
 """Options of a render; the first is compared on every variant."""
 VARIANTS = "cuda_ad_spectral", "llvm_ad_spectral", "scalar_spectral"
-ENGINES = ("numpy", "float32"), ("drjit", "float32"), ("cuda", "float32")
+ENGINES: tuple[tuple[Any, str], ...] = (
+    ("numpy", "float32"),
+    ("drjit", "float32"),
+    ("cuda", "float32"),
+)
 TOLERANCES_DN: tuple[float | None, ...] = None, 0.02, 1.0
 """Of plans; None is the whole chain."""
 REFERENCE = "NumPy float64"
@@ -45,8 +49,8 @@ FINER = 4.0
 """The reference must be so many times finer than the tolerance."""
 REFERENCE_S, RUN_S = 8.0, 0.6
 """Longest reference, and longest render of a ladder [s]."""
-SPP_MIN, RUNGS = 16, 7
-"""Samples of the first rung, each of the next has three times as many, and the most rungs."""
+SPP_MIN, RUNGS_MIN, RUNGS = 16, 3, 7
+"""Samples of the first rung, each of the next has three times as many; fewest and most rungs."""
 DARKEST = 0.1
 """Of the mean light: the errors of darker pixels are relative to this, or they would be all."""
 TURNS, SENSORS, FRAMES, FRAMES_A_TURN = 7, 16, 2, 4
@@ -216,7 +220,9 @@ def ladder(
             scatter = statistics.stdev(squares) / math.sqrt(seeds) / (2 * error)
             typed = typed_options(options, light.statistics.samples_per_pixel)
             points.append(Point(name, typed, spread(seconds), error, scatter))
-        if square < tolerance**2 or statistics.median(seconds) > RUN_S:
+        if square <= exact.error**2 or error + scatter <= tolerance:
+            break
+        if len(points) >= RUNGS_MIN and statistics.median(seconds) > RUN_S:
             break
     return points
 
@@ -234,7 +240,7 @@ def recommended(
         )
     best = fastest(points, tolerance)
     if best is None:
-        return None, f"{goal}, no measured setting suffices within {RUN_S:g} s a render."
+        return None, f"{goal}, none of the measured settings suffices."
     return best, f"{goal}, render with {best.options}: {best.seconds.median:.2g} s."
 
 
@@ -291,13 +297,16 @@ def sensor_section(subject: Subject, progress: Progress) -> Section:
     for engine, precision in ENGINES:
         try:
             ms.expose(np.ones((1, 1)), subject.camera, subject.exposure, engine=engine)
-        except ms.InputError as error:
-            absent.append(f"Not measured on this machine: engine {engine} ({str(error)[:-1]}).")
+        except ms.InputError as problem:
+            absent.append(
+                f"Not measured on this machine: engine {engine} ({str(problem)[:-1]})."
+            )
             continue
-        for dn in TOLERANCES_DN:
-            name = f"{engine} {precision}" + ("" if dn is None else f", plan {dn:g} DN")
-            settings[name] = {"engine": engine, "precision": precision, "plan": plans[dn]}
-            limits[name] = dn or FLOAT32_DN
+        for tolerance_dn, plan in plans.items():
+            name = f"{engine} {precision}"
+            name += f", plan {tolerance_dn:g} DN" if tolerance_dn else ""
+            settings[name] = {"engine": engine, "precision": precision, "plan": plan}
+            limits[name] = tolerance_dn or FLOAT32_DN
     every = {REFERENCE: {"engine": "numpy", "precision": "float64"}, **settings}
     pixels = photons.mean.shape[0] * photons.mean.shape[1]
     stream = partial(ms.stream, photons, subject.camera, subject.exposure, frames=2**31)

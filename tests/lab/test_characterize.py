@@ -99,20 +99,6 @@ def test_every_drawing_has_axes_with_names_and_at_most_eight_series(small: Bench
     assert png(Drawing("Dark current", found.drawings["Dark current"])).startswith(b"\x89PNG")
 
 
-@pytest.mark.exhaustive
-def test_the_light_of_a_mosaic_saturates_every_filter_and_each_is_measured_apart() -> None:
-    camera = ms.load_camera("bayer_2mp")
-    bench = virtual_bench(camera, Setup(side=64))
-    found = {one.filter_name: one.figures for one in measure_bench(bench)}
-    assert list(found) == ["R", "G", "G (2)", "B"]
-    for (name, figures), number in zip(found.items(), (0, 1, 1, 2), strict=True):
-        qe = float(camera.qe([530.0])[number, 0])
-        assert figures["η"].value == pytest.approx(qe, rel=0.05), (
-            name
-        )  # 1024 pixels of each filter
-        assert figures["K"].value == pytest.approx(0.125, rel=0.05), name
-
-
 @pytest.mark.parametrize(
     ("options", "said"),
     [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -115,35 +116,6 @@ def test_hot_pixels_at_the_largest_code_are_counted_as_hot_and_hide_the_noise() 
     assert dark_noise([seen]).total.clipped and rts_pixels(seen).fraction.clipped
 
 
-@pytest.mark.parametrize("with_darks", [True, False])
-def test_one_scene_whose_darkness_is_clipped_has_no_k(with_darks: bool) -> None:
-    camera, rng = SmallCamera(black_dn=1.0), np.random.default_rng(5)
-    light = np.linspace(0, 20_000, 160) * np.ones((80, 1))
-    dark = camera.stack(rng, 0.0, 4, (80, 160)) if with_darks else None
-    gain = photon_transfer_of_scene(camera.stack(rng, light, 4, (80, 160)), dark).gain
-    assert math.isnan(gain.value) and gain.clipped and "are 0" in gain.note
-
-
-def test_the_shortest_dark_stack_may_be_clipped_if_three_others_say_what_it_would_show() -> (
-    None
-):
-    """Dark signal lifts the longer exposures off code 0; their variances lead to σ at exposure time 0."""
-    rng, stacks = np.random.default_rng(1), []
-    for time_s in (0.0, 1.0, 2.0, 3.0):
-        electrons = rng.poisson(400 * time_s, (8, 64, 64)) + rng.normal(0, 9, (8, 64, 64))
-        stacks.append(
-            Stack(
-                np.rint(0.5 * electrons + 3).clip(0, 4095).astype(np.uint16),
-                time_s,
-                0.0,
-                bits=12,
-            )
-        )
-    found = dark_noise(stacks)
-    assert found.analogue.covers(4.5) and "0 s left out" in found.analogue.note
-    assert dark_noise(stacks[:3]).analogue.clipped
-
-
 @pytest.mark.parametrize("sigma", [0.05, 0.3, 1.0, 30.0])
 @pytest.mark.parametrize("size", [(1, 4, 5), (2, 20, 24), (8, 96, 96)])
 def test_tails_hot_pixels_and_quiet_frames_are_not_clipped(
@@ -155,3 +127,21 @@ def test_tails_hot_pixels_and_quiet_frames_are_not_clipped(
         frames = np.rint(level + hot + sigma * rng.normal(size=size)).astype(np.uint16)
         for given in (frames, 16 * frames, frames.astype(float), 0.5 * frames + 0.25):
             assert Stack(given, 0.1).clipping.share == 0
+
+
+def test_darkness_that_is_clipped_shows_nothing_unless_longer_exposures_do() -> None:
+    """No K of a scene; dark signal lifts longer exposures off code 0, whose variances lead to σ at exposure time 0."""
+    camera, rng = SmallCamera(black_dn=1.0), np.random.default_rng(5)
+    light = np.linspace(0, 20_000, 160) * np.ones((80, 1))
+    scene, black = (camera.stack(rng, photons, 4, (80, 160)) for photons in (light, 0.0))
+    for dark in (None, black):
+        gain = photon_transfer_of_scene(scene, dark).gain
+        assert math.isnan(gain.value) and gain.clipped and "are 0" in gain.note
+    camera = SmallCamera(gain=0.5, read_noise_e=9.0, efficiency=1.0, black_dn=3.0)
+    stacks = [
+        replace(camera.stack(rng, 400.0 * t, 8, (64, 64)), exposure_s=t, photons=0.0)
+        for t in (0.0, 1.0, 2.0, 3.0)
+    ]
+    found = dark_noise(stacks)
+    assert found.analogue.covers(4.5) and "0 s left out" in found.analogue.note
+    assert dark_noise(stacks[:3]).analogue.clipped

@@ -59,9 +59,7 @@ def test_no_level_of_light_that_scatters_or_of_a_curved_response_is_off() -> Non
     """200 sets of 25 levels: scatter of 0.01 to 3 % and curves of 0 to 5 %; light in equal and in growing steps."""
     rng = np.random.default_rng(3)
     for number in range(200):
-        light = np.linspace(0.05, 0.7, 25)
-        if number % 2:
-            light = np.geomspace(0.05, 0.7, 25)
+        light = (np.linspace, np.geomspace)[number % 2](0.05, 0.7, 25)
         scatter, curve = 10 ** rng.uniform(-4, -1.5), rng.uniform(-0.05, 0.05)
         signal = 3000 * light * (1 + curve * light) * (1 + scatter * rng.normal(size=25))
         assert not stray_levels(light, signal, np.full(25, 0.1))

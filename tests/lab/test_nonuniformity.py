@@ -63,33 +63,6 @@ def test_intervals_cover_what_went_in_95_times_in_100() -> None:
         ), name
 
 
-def test_the_papers_half_percent_reads_0_5128_raw_and_0_500_corrected() -> None:
-    """Table 1's camera at 1520 DN above the dark, 64 frames of each: 0.5128 % is 0.5 % and 1/64 of the
-    temporal variance. 60 000 pixels: 0.29 % of it is one standard error, four are left. Its columns have 33 e-, its
-    pixels 1 % of the dark electrons."""
-    camera, exposure, shape = ms.load_camera("konnik_table1"), ms.Exposure(0.1), (200, 300)
-    dark, light = (
-        ms.expose(
-            np.full(shape, 1520 / 0.1241212 / 0.6 * lit),
-            camera,
-            exposure,
-            frames=64,
-            seed=1 + lit,
-        ).digital
-        for lit in (0, 1)
-    )
-    found = nonuniformity(Stack(dark, 0.1, bits=12), Stack(light, 0.1, bits=12))
-    assert found.difference.mean() == pytest.approx(1520, rel=0.001)
-    assert found.paper_raw.value == pytest.approx(0.5128, rel=0.012)
-    for one in (found.paper, found.prnu_pixel):
-        assert one.value == pytest.approx(0.5, rel=0.012) and one.covers(0.5)
-    columns, pixels = (
-        one.in_electrons(0.1241212) for one in (found.dsnu_col, found.dsnu_pixel)
-    )
-    assert columns.covers(33) and pixels.value == pytest.approx(1.7416, rel=0.03)
-    assert found.dsnu_row.low == 0 and "not told from 0" in found.dsnu_row.note
-
-
 def test_a_single_term_has_the_chi_square_interval_of_a_variance() -> None:
     assert combined([MeanSquare(3.0, 7.0)]) == pytest.approx(
         (3.0, *21 / scipy.stats.chi2.ppf([0.975, 0.025], 7))
@@ -150,3 +123,14 @@ def test_frames_that_cannot_show_it_are_marked_or_refused() -> None:
     ):
         with pytest.raises(ms.InputError, match=said):
             nonuniformity(*given)
+
+
+def test_figures_are_what_went_in_and_raw_ones_have_the_noise_of_the_mean() -> None:
+    """Three half widths of each interval, once in 10⁸; of the paper's σ/µ averaging leaves σ²/N of both."""
+    found = nonuniformity(*pair(np.random.default_rng(2), (100, 120), 8))
+    for name, known in KNOWN.items():
+        figure = getattr(found, name)
+        assert abs(figure.value - known) < 1.5 * (figure.high - figure.low), name
+    noise_percent = 100 * math.sqrt((11**2 + 2**2 + 2 / 12) / 8) / 1500
+    raw = math.hypot(found.paper.value, noise_percent)
+    assert found.paper_raw.value == pytest.approx(raw, rel=0.01)

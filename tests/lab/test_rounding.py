@@ -115,10 +115,9 @@ def test_spatial_figures_of_coarse_codes_hold_the_pattern_or_have_no_value() -> 
         assert len(held) > 40 and np.mean(held) > 0.88, (name, len(held), np.mean(held))
 
 
-def test_a_twin_of_coarse_frames_says_what_it_assumes() -> None:
+def test_a_twin_of_coarse_frames_says_what_it_assumes_and_the_threshold_is_a_bound() -> None:
     camera = SmallCamera(gain=0.05, bits=10, black_dn=12.3, full_well_e=15_000, dsnu_dn=0.3)
-    rng = np.random.default_rng(4)
-    darks, flats = camera.bench(rng, 8, (40, 40), 16)
+    darks, flats = camera.bench(np.random.default_rng(4), 8, (40, 40), 16)
     found = emva_linear(darks, flats)
     assert found["µ_e.min"].is_bound and math.isnan(found["DR"].value)
     assert "0.24 DN²" in found["DR"].note

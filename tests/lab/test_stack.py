@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -109,3 +110,18 @@ def test_facts_of_a_stack_that_are_none_are_refused(facts: dict[str, Any], said:
     given: dict[str, Any] = {"frames": np.ones((2, 4, 4)), "exposure_s": 0.01, **facts}
     with pytest.raises(ms.InputError, match=f"^dark.tiff: .*{said}"):
         Stack(**given, source="dark.tiff")
+
+
+@pytest.mark.parametrize("mode", ["r", "r+", "c"])
+def test_frames_on_disk_are_let_go_and_changes_to_them_are_not(
+    tmp_path: Path, mode: Any
+) -> None:
+    frames = RNG.integers(0, 4000, (3, 64, 64), dtype=np.uint16)
+    np.save(tmp_path / "a.npy", frames)
+    mapped = np.load(tmp_path / "a.npy", mmap_mode=mode)
+    if mode != "r":
+        mapped[:, 5] = frames[:, 5] = 4095
+    measured = Stack(mapped, 0.1).window(slice(0, 40), slice(None))
+    assert measured.clipping.largest == measured.frames.max()
+    assert measured.changes.mean == pytest.approx(frames[:, :40].mean())
+    np.testing.assert_array_equal(mapped, frames)

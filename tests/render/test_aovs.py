@@ -110,7 +110,7 @@ def test_depth_position_normal_and_shape_have_their_closed_forms(
     assert all(getattr(aovs, name).dtype == np.float32 for name in ARRAYS)
 
 
-@both_variants
+@scalar_first
 def test_albedo_is_the_diffuse_reflectance_in_three_bands_and_none_of_metal(
     tmp_path: Path, variant: str
 ) -> None:
@@ -129,7 +129,7 @@ def image_of(points: Floats) -> Floats:
     return np.array([COLUMNS / 2, ROWS / 2]) - FOCAL_PX * points[..., :2] / points[..., 2:]
 
 
-@both_variants
+@scalar_first
 def test_flow_of_a_camera_that_shifts_is_v_t_f_over_z(tmp_path: Path, variant: str) -> None:
     """3 m/s to the left for 20 ms: 0.06·f/Z pixels to the right, to 0.001 px; straight ahead, away from the axis."""
     _, depth = ball_and_wall(np.zeros(3), tangents(*centres()))
@@ -217,7 +217,7 @@ def test_flow_goes_through_a_distorting_lens(tmp_path: Path) -> None:
     np.testing.assert_allclose(aovs.flow_px[stays], (after - seen(position))[stays], atol=0.01)
 
 
-@both_variants
+@scalar_first
 def test_rows_of_a_rolling_shutter_are_seen_when_they_open(
     tmp_path: Path, variant: str
 ) -> None:

@@ -13,7 +13,7 @@ from helpers.scenes import BALL, SKY, scene_text, skip_unless_usable, write_scen
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
-from mitsuba_sensor.render.scene.mitsuba_errors import PRIMAL, gradient_integrators
+from mitsuba_sensor.render.scene.mitsuba_errors import gradient_integrators
 from mitsuba_sensor.render.variants import choose_variant, use
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
@@ -23,6 +23,15 @@ GREY = BALL.format(
     bsdf='<bsdf type="diffuse"><spectrum name="reflectance" value="0.5"/></bsdf>'
 )
 IN_SPECTRA = sorted({*gradient_integrators()} - {RGB_ONLY})
+
+
+PATHS = ("prb", "prb_basic", "prb_projective")
+PRIMAL = {
+    "direct_projective": "direct",
+    "prbvolpath": "volpath",
+    **dict.fromkeys(PATHS, "path"),
+}
+"""Integrators for gradients, and the one that renders the same image."""
 
 
 def ready(variant: str = "llvm_ad_spectral") -> Any:

@@ -92,7 +92,7 @@ def width_px(row: NDArray[np.float64]) -> float:
     )  # a difference of two pixels: 1/12 twice
 
 
-@both_variants
+@scalar_first
 @pytest.mark.parametrize("who", one_in(2, ["camera", "object"]))
 def test_a_moving_edge_blurs_by_speed_times_time(
     tmp_path: Path, who: str, variant: str
@@ -440,7 +440,7 @@ def test_a_motion_file_that_is_not_there_or_not_toml_or_not_of_this_scene_is_sai
     wrong = read_motion({"objects": {"edg": {"velocity_m_per_s": [1, 0, 0]}}})
     with pytest.raises(
         ms.InputError,
-        match=r"'edg', which is no shape of the scene .* the ids are edge\. Did you mean 'edge'",
+        match=r"'edg', which is neither a shape of the scene .* the ids are edge\. Did you mean 'edge'",
     ):
         MovingScene(loaded(tmp_path, EDGE), wrong, GLOBAL, ms.Exposure(0.1))
     for bad in (0, 2.5, "many"):

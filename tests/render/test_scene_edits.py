@@ -110,10 +110,10 @@ def test_light_that_only_a_parameter_brings_into_the_bands_is_light(tmp_path: Pa
         ({VALUE: []}, "has 0 numbers"),
         ({VALUE: [1] * 17}, "has 17 numbers"),
         ({"wall.to_world": 1}, "it takes 16 numbers"),
-        ({"wall.to_world": [0] * 16}, "is no transform"),
+        ({"wall.to_world": [0] * 16}, "is not a transform"),
         ({"eye.film.size": [4, 4]}, "film or sampler"),
         ({"object_140487374245648.x_fov": 3}, "give it an id"),
-        ({"mesh.faces": 0}, "is no number"),
+        ({"mesh.faces": 0}, "is not a number"),
         ({"mesh.vertex_positions": 0}, "more than 16"),
         (VALUE, "pass names and numbers"),
     ],
@@ -277,9 +277,7 @@ def test_a_repeatable_render_has_the_same_bits_with_any_number_of_threads(
 ) -> None:
     """Without ``repeatable`` the same renders differ in the last bits of some pixels."""
     assert (
-        len(
-            rendered_by_threads(skip_unless_usable("llvm_ad_spectral"), (1, 2, 3, 7), **options)
-        )
+        len(rendered_by_threads(skip_unless_usable("llvm_ad_spectral"), (1, 3, 7), **options))
         == 1
     )
 

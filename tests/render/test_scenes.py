@@ -178,6 +178,12 @@ def bsdf(kind: str) -> str:
     return scene_text(SKY, BALL.format(bsdf=f'<bsdf type="{kind}"/>'))
 
 
+def coloured(kind: str) -> str:
+    """A ball whose colour is a plugin without parameters."""
+    texture = f'<texture type="{kind}" name="reflectance"/>'
+    return scene_text(SKY, BALL.format(bsdf=f'<bsdf type="diffuse">{texture}</bsdf>'))
+
+
 MESH, RADIUS = '<string name="filename" value="no.ply"/>', '<float name="radius" value="{}"/>'
 BROKEN = [
     ("", "No document element"),
@@ -198,6 +204,8 @@ BROKEN = [
     (shape("sphere", '<ref id="gone"/>'), "gone"),
     (shape("ply", MESH), "no.ply"),
     (scene_text(SKY, BALL.format(bsdf=PICTURE.format(name="wood.png", more=""))), "wood.png"),
+    (coloured("bitmap"), "a bitmap without a filename"),
+    (coloured("irregular"), "irregular"),
     (scene_text(SKY, '<include filename="no.xml"/>'), "no.xml"),
     (scene_text(SKY, film='<integer name="crop_width" value="99"/>'), "crop"),
     (scene_text(SKY, film='<float name="crop_width" value="2.5"/>'), "2.5; it must be a whole"),

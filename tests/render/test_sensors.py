@@ -61,7 +61,7 @@ def test_a_point_has_the_disparity_of_its_depth(x_m: float, depth_m: float) -> N
 
 
 def test_a_sensor_alone_takes_the_frame_that_it_takes_among_all() -> None:
-    asked = {**FAST, "seed": 7, "frames": 2, "repeatable": True}
+    asked = {**FAST, "spp": 2, "seed": 7, "frames": 2, "repeatable": True}
     together = ms.capture(scene(PAIR), "konnik_table1", EXPOSURE, sensor="all", **asked)
     for name, of_all in together.sensors.items():
         alone = ms.capture(scene(PAIR), "konnik_table1", EXPOSURE, sensor=name, **asked)
@@ -96,9 +96,9 @@ def test_sensors_of_one_pose_have_independent_noise_and_are_different_chips() ->
 
 def test_sensors_without_a_usable_id_go_by_their_number(tmp_path: Path) -> None:
     odd = sensor("", 0.0) + sensor('id="../up"', 0.1) + sensor('id="all"', 0.2)
-    captured = ms.capture(
-        scene(odd + sensor('id="0"', 0.3)), "konnik_table1", EXPOSURE, sensor="all", **FAST
-    )
+    asked: Any = {**FAST, "spp": 2, "sensor": "all"}
+    text = scene(odd + sensor('id="0"', 0.3))
+    captured = ms.capture(text, "konnik_table1", EXPOSURE, **asked)
     assert list(captured.sensors) == ["0", "1", "2", "3"]
     captured.save(tmp_path / "out")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["0", "1", "2", "3"]
@@ -128,7 +128,8 @@ def test_the_command_writes_a_folder_for_each_sensor_or_none(
 ) -> None:
     file = tmp_path / "pair.xml"
     file.write_text(scene(PAIR))
-    asked = ["--spp", "4", "--no-denoise", "--exposure-s", "0.01", "--sensor", "all"]
+    asked = ["--spp", "2", "--no-denoise", "--exposure-s", "0.01", "--sensor", "all"]
+    asked += ["--variant", "scalar_spectral", "--wavelength-nm", "550"]
     result = cli("render", file, "-o", tmp_path / "out", *asked, "--json")
     assert result.exit_code == 0, result.output
     assert list(json.loads(result.stdout)) == ["left", "right"]

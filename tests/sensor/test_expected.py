@@ -142,16 +142,16 @@ def test_a_drift_from_frame_to_frame_is_that_of_the_frames_that_were_asked_for()
 
 
 def test_standard_errors_are_the_spread_of_other_sensor_units() -> None:
-    """12 places on the sensor: other random numbers. The spread of χ² of 11 is 21 %; three times of that is allowed."""
+    """24 places on the sensor: other random numbers. The spread of χ² of 23 is 15 %; three times of that is allowed."""
     camera = changed(pixel__prnu=0.01)
     found, errors = [], []
-    for place in range(12):
+    for place in range(24):
         frames = ms.expose(light_of(8000.0, (32, 32)), camera, EXPOSURE, origin=(32 * place, 0))
         one = frames.theory.averages(frames.stages[-1])
         found.append(one[:3])
         errors.append(one.errors)
     spread, told = np.std(found, axis=0, ddof=1), np.sqrt(np.mean(np.square(errors), axis=0))
-    assert spread == pytest.approx(told, rel=0.65)
+    assert spread == pytest.approx(told, rel=0.45)
 
 
 # Frames of many sensor units
@@ -294,7 +294,7 @@ class NoNumber(Drift):
 
 def test_a_stage_that_returns_no_number_is_named() -> None:
     camera = TABLE1.with_stage(NoNumber(), after="sense_node")
-    with pytest.warns(RuntimeWarning, match="invalid value"):
+    with pytest.warns(RuntimeWarning, match="invalid value"):  # NumPy makes no code of NaN
         frames = ms.expose(light_of(10.0, (8, 8)), camera, EXPOSURE)
-    with pytest.raises(ms.InputError, match="NoNumber returns NaN"):
-        _ = frames.report
+        with pytest.raises(ms.InputError, match="NoNumber returns NaN"):
+            _ = frames.report

@@ -175,6 +175,7 @@ def test_files_hold_every_readout_and_their_combination(tmp_path: Path) -> None:
     assert not (tmp_path / "readouts.tiff").exists()
 
 
+@pytest.mark.exhaustive
 def test_a_plan_leaves_out_stages_of_each_readout_within_the_tolerance() -> None:
     """In steps of the linear code; nothing at all changes with a tolerance of 0."""
     camera = dual_gain(**{"pixel.prnu": 0.002})

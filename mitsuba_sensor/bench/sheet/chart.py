@@ -128,7 +128,7 @@ def bench_of(
     """Pictures of a chart, dark frames, and flat fields.  counts : of pictures and of dark frames."""
     scene = take(setting, photons, bands, counts[0], name)
     dark = take(setting, 0 * photons, bands, counts[1], f"{name} dark")
-    flats = ()
+    flats: tuple[Stack, ...] = ()
     if flat is not None:
         even = np.broadcast_to(flat[0], photons.shape)
         flats = (take(setting, even, bands, flat[1], f"{name} flat"),)

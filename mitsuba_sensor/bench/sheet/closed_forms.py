@@ -9,6 +9,7 @@ from ...camera.camera import Camera
 from ...camera.figures import QUANTISATION_DN2, emva_figures
 from ...core import Exposure
 from ...lab.frames.bench import Bench
+from ...lab.frames.stack import COARSE_DN2, rounding_shift_dn
 from ...lab.measure.image_quality.step_chart import NOISE_CONSTANT, SATURATION_CONSTANT
 from ...stages.stage import converter_of
 from ..datasheet import SIGMAS, Said, expected
@@ -23,6 +24,10 @@ Theory = Mapping[str, Mapping[str, Said]]
 """By the name of the colour filter (empty for a camera with one), then by the symbol of the figure."""
 TEMPERATURE_K = 298.15
 """Of frames that do not say theirs."""
+SMOOTH_DN2 = 2 * COARSE_DN2
+"""Variance of codes from which on rounding adds 1/12 DN² to it, within 0.001 DN²; below there is no theory of noise."""
+ROUNDING_DN = 0.5
+"""As far as rounding moves a mean at most."""
 
 
 def names_of(camera: Camera) -> tuple[str, ...]:
@@ -37,7 +42,7 @@ def closed_form(name: str, setting: Setting, lights: Lights) -> Theory:
         photons, exposures = steps_light(setting, lights[0])
         electrons = levels_of_filters(camera, photons[-1], lights[0].bands) / exposures[-1]
         return {
-            name: steps_figures(setting, float(own))
+            name: steps_figures(setting, float(own), float(exposures.mean()))
             for name, own in zip(names_of(camera), electrons, strict=True)
         }
     rows, columns = bench_shape(camera, EMVA_SIDE)
@@ -67,25 +72,35 @@ def of_datasheet(
     }
 
 
-def steps_figures(setting: Setting, electrons_per_lxs: float) -> dict[str, Said]:
-    """What a step chart shows of a camera whose response is a line, behind one filter."""
+def steps_figures(
+    setting: Setting, electrons_per_lxs: float, mean_lxs: float
+) -> dict[str, Said]:
+    """What a step chart shows of a camera whose response is a line, behind one filter.
+
+    mean_lxs : exposure of the patches on average; a black level that rounding moved changes their slope by its share.
+    """
     camera = setting.camera
     known, adc = emva_figures(camera, setting.exposure), converter_of(camera.stages)
     gain = known.system_gain_dn_per_e
     response, largest_dn = gain * electrons_per_lxs, adc.highest - adc.black_level_dn
     temporal_dn2 = (gain * known.temporal_dark_noise_e) ** 2 + QUANTISATION_DN2
-    decibel = 20 * math.log10(largest_dn / _signal(1.0, temporal_dn2, gain, 0.0))
+    black_dn = min(SIGMAS * rounding_shift_dn(temporal_dn2), ROUNDING_DN)
+    share = _share_of_chip(camera) + black_dn / (response * mean_lxs)
+    saturation = SATURATION_CONSTANT * response / largest_dn
     said = {
-        "s": _of_chip(response, camera),
-        "S_sat": _of_chip(SATURATION_CONSTANT * response / largest_dn, camera),
-        "DR": Said(decibel, decibel, decibel),
+        symbol: Said(value, value * (1 - share), value * (1 + share))
+        for symbol, value in {"s": response, "S_sat": saturation}.items()
     }
+    if temporal_dn2 >= SMOOTH_DN2:
+        decibel = 20 * math.log10(largest_dn / _signal(1.0, temporal_dn2, gain, 0.0))
+        said["DR"] = Said(decibel, decibel, decibel)
     for ratio in (40, 10):
         signals_dn = [
             _signal(float(ratio), temporal_dn2 + dark_dn2, gain, prnu2)
             for dark_dn2, prnu2 in _fixed_patterns(setting, gain)
         ]
-        if max(signals_dn) < largest_dn:
+        is_smooth = temporal_dn2 + gain * min(signals_dn) >= SMOOTH_DN2
+        if is_smooth and max(signals_dn) < largest_dn:
             speeds = [NOISE_CONSTANT * response / signal_dn for signal_dn in signals_dn]
             said[f"S_noise{ratio}"] = Said(speeds[0], min(speeds), max(speeds))
     return said
@@ -119,8 +134,7 @@ def _signal(ratio: float, dark_dn2: float, gain: float, prnu2: float) -> float:
     return (linear + math.sqrt(linear**2 + 4 * rest * ratio**2 * dark_dn2)) / (2 * rest)
 
 
-def _of_chip(value: float, camera: Camera) -> Said:
-    """A figure that is proportional to the response: that of the brightest patch, whose columns have their PRNU."""
+def _share_of_chip(camera: Camera) -> float:
+    """By how much the response of the brightest patch may differ, whose columns have their PRNU."""
     columns = camera.readout.prnu_col / math.sqrt(STEPS_GRID.patch_px)
-    share = SIGMAS * math.hypot(columns, camera.pixel.prnu / STEPS_GRID.patch_px)
-    return Said(value, value * (1 - share), value * (1 + share))
+    return SIGMAS * math.hypot(columns, camera.pixel.prnu / STEPS_GRID.patch_px)

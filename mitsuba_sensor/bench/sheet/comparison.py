@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -88,7 +89,7 @@ def compared(first: Sheet, second: Sheet) -> Study:
     parts = (_ratios(f"{names[1]} over {names[0]}", lines), shown, rest)
     section = Section(tuple(findings), not failed, parts, failed=tuple(failed))
     title = f"Image quality of {names[0]} and {names[1]}"
-    return study_of("sheet comparison", title, [section], checked=False, rows=lines)
+    return replace(study_of("sheet comparison", title, [section], rows=lines), checked=False)
 
 
 def _pairs(first: Sequence[Facts], second: Sequence[Facts]) -> Iterator[tuple[Facts, Facts]]:
@@ -107,7 +108,9 @@ def _pairs(first: Sequence[Facts], second: Sequence[Facts]) -> Iterator[tuple[Fa
     for row in first:
         for other in second:
             filters = {row["filter"], other["filter"]}
-            if place(row, 0) == place(other, 1) and (len(filters) == 1 or "" in filters):
+            if place(row, 0) != place(other, 1) or (len(filters) > 1 and "" not in filters):
+                continue
+            if None not in (row["low"], row["high"], other["low"], other["high"]):
                 yield row, other
 
 

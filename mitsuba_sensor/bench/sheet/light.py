@@ -19,7 +19,7 @@ from ...core import Exposure
 from ...core.types import Float64Array
 from ...core.versions import versions
 from ...files.openexr import Plane, write_planes
-from ...files.user_cache import keep, kept_file, read_kept
+from ...files.user_cache import keep, read_kept
 from ...render.light.photons import photons_per_irradiance
 from ...render.passes.prepared import render
 from ...render.variants import choose_variant
@@ -106,7 +106,7 @@ def light_of(scene: ChartScene, camera: Camera) -> ChartLight:
 
     Raises InputError where the renderer does.
     """
-    name = _kept_name(scene, camera)
+    name = kept_name(scene, camera)
     kept = read_kept(name)
     if kept is None:
         kept = _rendered(scene, camera)
@@ -116,12 +116,8 @@ def light_of(scene: ChartScene, camera: Camera) -> ChartLight:
     return ChartLight(data, bands, error)
 
 
-def cache_file(scene: ChartScene, camera: Camera) -> Path:
-    """Where the light of a chart is kept."""
-    return kept_file(_kept_name(scene, camera))
-
-
-def _kept_name(scene: ChartScene, camera: Camera) -> str:
+def kept_name(scene: ChartScene, camera: Camera) -> str:
+    """Under which the light of a chart is kept."""
     return f"chart-{scene.name}-{fingerprint(scene, camera)}"
 
 

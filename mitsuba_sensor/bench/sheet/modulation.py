@@ -175,7 +175,7 @@ def bitmap_frames(
     camera, bands = setting.camera, bands_of_lamps(setting.camera)
     layout = Layout.of(camera, side_px)
     photons = photons_of_shapes(camera, [one.data / one.data.mean() for one in lights], share)
-    flat, facts = None, {"chart": shown(bitmap(layout), layout.dense)}
+    flat, facts = None, dict[str, object]({"chart": shown(bitmap(layout), layout.dense)})
     if name == "star":
         flat = even_photons(camera, share), 4
         facts = {"cycles": cycles_of(layout), "contrast": STAR_CONTRAST}

@@ -75,7 +75,9 @@ def draw_filters(entries: Sequence[tuple[str, Draw, Draw | None]], ax: Axes) -> 
         if theory is not None:
             before = list(chain(ax.lines, ax.containers))
             theory(ax)
-            added = [one for one in ax.lines if one not in before and len(one.get_xdata()) > 2]
+            added = [
+                one for one in ax.lines if one not in before and np.size(one.get_xdata()) > 2
+            ]
             for one in added:
                 colour = one.get_color() if len(entries) > 1 else "black"
                 one.set(linestyle="--", linewidth=1, marker="", color=colour)
@@ -84,9 +86,11 @@ def draw_filters(entries: Sequence[tuple[str, Draw, Draw | None]], ax: Axes) -> 
 
 
 def _label(artists: Sequence[Any], name: str) -> None:
-    """Label the first of what was drawn, and leave the others out of the legend."""
-    for one in artists:
-        one.set_label(name if one is artists[0] else "_")
+    """Name what was drawn in the legend: by its own label too, if there are several."""
+    own = [one for one in artists if not str(one.get_label() or "_").startswith("_")]
+    for one in own if len(own) > 1 else artists[:1]:
+        label = f"{name}, {one.get_label()}" if len(own) > 1 else name
+        one.set_label(name if name == "_" else label)
 
 
 def mean_of_tiles(frame: Float64Array, tile: tuple[int, int]) -> Float64Array:

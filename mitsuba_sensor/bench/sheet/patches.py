@@ -7,7 +7,7 @@ the noise of their pixels.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -99,7 +99,8 @@ def scaled(camera: Camera, photons: Float64Array, bands: Bands, share: float) ->
 
 def patches_of(facts: Facts) -> tuple[list[Region], list[float]]:
     """Places and exposures [lx s] of the patches that ``chart.toml`` names. Raises InputError if it does not."""
-    regions, exposures = (facts.get(name) for name in ("patches", "exposure_lxs"))
+    regions: Any = facts.get("patches")
+    exposures: Any = facts.get("exposure_lxs")
     are_regions = isinstance(regions, list) and all(map(_is_region, regions))
     are_exposures = isinstance(exposures, list) and all(map(is_number, exposures))
     if not (are_regions and are_exposures and len(regions or ()) == len(exposures or ())):
@@ -113,8 +114,9 @@ def patches_of(facts: Facts) -> tuple[list[Region], list[float]]:
 
 def _is_region(value: object) -> bool:
     """Return True for four whole numbers of at least 0."""
-    is_four = isinstance(value, list) and len(value) == 4
-    return is_four and all(type(number) is int and number >= 0 for number in value)
+    if not isinstance(value, list) or len(value) != 4:
+        return False
+    return all(type(number) is int and number >= 0 for number in value)
 
 
 def behind_one_filter(regions: Sequence[Region], step: tuple[int, int]) -> list[Region]:
@@ -169,8 +171,10 @@ def steps_instrument(taken: Taken) -> list[Measured]:
         frames, black = frames_and_black(bench.scenes, bench)
         own = behind_one_filter(regions, step)
         chart = step_chart(frames, own, exposures, black_dn=black)
-        drawings = {"Response (OECF)": chart.plot, "Signal-to-noise ratio": chart.plot_snr}
-        return chart.quantities, drawings
+        return chart.quantities, {
+            "Response (OECF)": chart.plot,
+            "Signal-to-noise ratio": chart.plot_snr,
+        }
 
     return each_filter(taken, measure)
 

@@ -17,12 +17,13 @@ from ...core import InputError, nearest
 from ...core.types import Float64Array
 from ...files.texts import Facts, read_toml
 from ...lab.frames.bench import Bench, read_bench
+from ...lab.frames.stack import rounding_shift_dn
 from ...lab.quantity import Quantity, no_value
 from ..datasheet import SIGMAS, Said
 from ..figures_page import beside_datasheet
 from .chart import Chart, Draw, Lights, Measured, Setting, Taken
 from .charts import CHARTS
-from .closed_forms import Theory, closed_form, theory_of_bench
+from .closed_forms import ROUNDING_DN, Theory, closed_form, theory_of_bench
 from .light import light_of
 
 Report = Callable[[int, int, str], None]
@@ -30,6 +31,8 @@ RENDER_NOISE = no_value(
     "ε_render", "render noise of the light, over the brightest", "%", "mitsuba-sensor"
 )
 FACTS = "chart.toml"
+SMALLEST_DN = 1e-3
+"""Shifts of a black level below this are not looked at [DN]."""
 
 
 @dataclass(frozen=True)
@@ -184,22 +187,33 @@ def theory_of(
 
 
 def _said(chart: Chart, taken: Taken, ideal: Mapping[str, Measured]) -> Theory:
-    """Theory with the range in which single chips lie."""
+    """Theory with the range in which single units lie, and those whose black level rounding moved."""
     chips = [theory_of(chart, taken, pictures) for pictures in taken.chips]
+    moved = [theory_of(chart, taken, pictures) for pictures in _moved_by_rounding(taken)]
     said: dict[str, dict[str, Said]] = {}
     for name, one in ideal.items():
-        values = {figure.symbol: figure.value for figure in one.figures}
-        others = [
-            {figure.symbol: figure.value for figure in chip[name].figures} for chip in chips
-        ]
         said[name] = {}
-        for symbol, value in values.items():
-            spread = (
-                SIGMAS * float(np.std([chip[symbol] for chip in others])) if others else 0.0
+        for figure in one.figures:
+            symbol, value = figure.symbol, figure.value
+            others, ends = (
+                [x.value for chip in some for x in chip[name].figures if x.symbol == symbol]
+                for some in (chips, moved)
             )
+            spread = SIGMAS * float(np.std(others)) if others else 0.0
             if math.isfinite(value):
-                said[name][symbol] = Said(value, value - spread, value + spread)
+                low, high = min(value, *ends, value), max(value, *ends, value)
+                said[name][symbol] = Said(value, low - spread, high + spread)
     return said
+
+
+def _moved_by_rounding(taken: Taken) -> list[Float64Array]:
+    """The pictures without noise above a black level that rounding moved as far as it may; none of loud frames."""
+    scene, dark = taken.bench.scenes[0], taken.bench.darks[0]
+    black_dn = min(SIGMAS * rounding_shift_dn(float(dark.variance.mean())), ROUNDING_DN)
+    if taken.ideal is None or black_dn < SMALLEST_DN:
+        return []
+    step = black_dn * float(taken.ideal.mean()) / float((scene.mean - dark.mean).mean())
+    return [taken.ideal - step, taken.ideal + step]
 
 
 def part_of_frames(

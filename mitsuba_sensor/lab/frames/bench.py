@@ -49,7 +49,7 @@ from .manifest import (
     read_manifest,
     read_readout,
 )
-from .stack import Stack
+from .stack import Stack, release
 
 SAME_TEMPERATURE_K = 1.0
 """Temperatures of metadata that differ by no more are taken as one: dark current differs by a tenth or less."""
@@ -212,6 +212,7 @@ def _on_disk(spool: IO[bytes], *parts: NDArray[Any]) -> NDArray[Any]:
     try:
         for frames in parts:
             spool.write(np.ascontiguousarray(frames).data)
+            release(frames)
         spool.flush()
     except OSError as error:
         raise InputError(

@@ -66,6 +66,15 @@ def _rounding_error(sigma_dn2: Float64Array) -> Float64Array:
     return np.asarray((4 * sigma_dn2 + math.pi**-2) * np.exp(-2 * math.pi**2 * sigma_dn2))
 
 
+def release(frames: NDArray[Any]) -> None:
+    """Let the system take back the memory of frames that lie on disk.
+
+    Frames that are mapped to be changed are left alone: their changes would be lost.
+    """
+    if getattr(frames, "mode", "") == "r" and hasattr(mmap, "MADV_DONTNEED"):
+        frames._mmap.madvise(mmap.MADV_DONTNEED)  # type: ignore[attr-defined]
+
+
 class Changes(NamedTuple):
     """What one pass over a stack finds.
 
@@ -264,9 +273,7 @@ class Stack:
 
     def release(self) -> None:
         """Let the system take back the memory of frames that lie on disk; they are read again where they are needed."""
-        mapped = getattr(self.frames, "_mmap", None)
-        if mapped is not None and hasattr(mmap, "MADV_DONTNEED"):
-            mapped.madvise(mmap.MADV_DONTNEED)
+        release(self.frames)
 
     def require_one_filter(self) -> None:
         """Raises InputError for a mosaic, whose pixels differ by their colour filters."""

@@ -43,7 +43,7 @@ COMPUTED_BY_FORMULA = ("Sphere", "Disk", "Cylinder", "SDFGrid")
 FROM_VACUUM = "PRBVolpathIntegrator"
 VOLUMETRIC = ("VolumetricPathIntegrator", "VolpathMisIntegratorImpl", FROM_VACUUM)
 """Classes of volpath, volpathmis and prbvolpath. All other integrators of Mitsuba 3.9.1 leave media out, as
-tests/render/test_lint.py shows."""
+tests/render/test_lint.py measures."""
 AXES = ((0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
 HITS_MAX = 16  # surfaces that are no boundary of a medium, along one axis
 CORNER_LOSS = 0.02  # of the response of a pixel whose microlens is made for another angle
@@ -166,7 +166,7 @@ def media(subject: Subject, built: Built) -> Found:
     elif (around := _medium_around(built)) is not sensor.get_medium():
         if around is None:
             what = "the sensor refers to a medium and is outside of it"
-            remedy = "leave the reference out"
+            remedy = "remove the reference"
         else:
             what = "the sensor is inside a medium without a reference to it, and sees as through a vacuum"
             remedy = f'add <ref name="medium" id="{around.id()}"/> to the sensor'

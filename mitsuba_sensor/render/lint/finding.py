@@ -14,7 +14,7 @@ from ...camera.camera import Camera
 from ...core import Doubt, Float64Array
 from ...optics.intrinsics import View
 from ..scene.parsed_scene import ParsedScene
-from ..variants import MitsubaObject
+from ..variants import MitsubaObject, mitsuba
 from .spectra import Property, Range, light_range, properties_of
 
 ORDER = ("black", "wrong", "note", "fact")
@@ -82,8 +82,14 @@ class Subject:
     @cached_property
     def lights(self) -> list[tuple[MitsubaObject, Range]]:
         """Each emitter, and the wavelengths at which it can shine."""
-        emitters = self.scene.nodes("Emitter")
-        return [(node, light_range(node, self.properties)) for node in emitters]
+        own = dict[int, list[Property]]()
+        for one in self.properties:
+            own.setdefault(one.number, []).append(one)
+        emitter = mitsuba().ObjectType.Emitter
+        nodes = [
+            (n, node) for n, node in enumerate(self.scene.state.nodes) if node.type == emitter
+        ]
+        return [(node, light_range(node, own.get(number, []))) for number, node in nodes]
 
     @property
     def is_dark(self) -> bool:

@@ -8,7 +8,7 @@ such textures takes four times as long.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from fnmatch import fnmatchcase
 from functools import cache
 from typing import NamedTuple
@@ -20,7 +20,7 @@ from ...core.llvm import drjit
 from ..scene.asked import HELD_FROM_NM, REFUSE, Material, materials
 from ..scene.parsed_scene import ParsedScene
 from ..variants import MitsubaObject, mitsuba
-from .spectra import Part, properties_of
+from .spectra import Part, Property, properties_of
 
 SEEN_TO_NM = 720.0
 """Bands that end before have no rule: behind an infrared cut filter the colour is seen as Mitsuba has it."""
@@ -68,10 +68,10 @@ class Colour(NamedTuple):
         return repr(own) if own else f"a {self.node.props.plugin_name()}"
 
 
-def rgb_colours(scene: ParsedScene) -> list[Colour]:
+def rgb_colours(scene: ParsedScene, properties: Iterable[Property]) -> list[Colour]:
     """Return the colours of materials and media, and of textures in emitters: other emitters are times D65."""
     ids, found = _ids_of_nodes(scene), list[Colour]()
-    for node, number, role, is_light, parts in properties_of(scene):
+    for node, number, role, is_light, parts in properties:
         if node.props.plugin_name() in RELIEFS or role in NO_COLOURS:
             continue
         for part in parts:
@@ -102,13 +102,15 @@ def _ids_of_nodes(scene: ParsedScene) -> dict[int, frozenset[str]]:
     return ids
 
 
-def ruled_colours(scene: ParsedScene, high_nm: float) -> list[tuple[Colour, Material | None]]:
+def ruled_colours(
+    scene: ParsedScene, properties: Iterable[Property], high_nm: float
+) -> list[tuple[Colour, Material | None]]:
     """Return the colours that bands up to ``high_nm`` see beyond the visible, each with the measured material that it
-    is there; None: it keeps its value. Raises InputError."""
+    is there; None: it keeps its value.  properties : of the scene.  Raises InputError."""
     asked = scene.edits.infrared
     if high_nm <= SEEN_TO_NM:
         return []
-    colours = rgb_colours(scene)
+    colours = rgb_colours(scene, properties)
     if asked == REFUSE:
         _refuse(scene, colours, high_nm)
         return []
@@ -158,16 +160,14 @@ def apply_infrared(scene: ParsedScene, low_nm: float, high_nm: float) -> None:
     """
     nodes_nm = np.arange(np.floor(min(low_nm, LOWEST_NM)), np.ceil(high_nm) + STEP_NM, STEP_NM)
     keeps_names, mi = bool(scene.edits.traverse), mitsuba()
-    first = number = len(scene.state.nodes)
-    for colour, _ in ruled_colours(
-        scene, high_nm
-    ):  # nodes are added first: they move in memory then
-        number += keeps_names or colour.part.kind != "rgb"
-    for _ in range(number - first):
-        node = mi.parser.SceneNode()
-        node.type = mi.ObjectType.Texture
-        scene.state.nodes.append(node)
-    for colour, material in ruled_colours(scene, high_nm):
+    first, colours = len(scene.state.nodes), ruled_colours(scene, properties_of(scene), high_nm)
+    for colour, _ in colours:
+        if keeps_names or colour.part.kind != "rgb":
+            node = mi.parser.SceneNode()
+            node.type = mi.ObjectType.Texture
+            scene.state.nodes.append(node)
+    # Found again, because nodes move in memory when others are added.
+    for colour, material in ruled_colours(scene, properties_of(scene), high_nm):
         owner, key, is_constant = colour.part.owner, colour.part.key, colour.part.kind == "rgb"
         value = owner[key]
         if is_constant and not keeps_names:

@@ -18,6 +18,11 @@ from .finding import Finding, lines_of
 from .spectra import Range
 
 PICTURES = ("bitmap", "envmap")  # whose file is one
+SOURCES = (
+    "filename",
+    "bitmap",
+    "data",
+)  # of a bitmap; without one Mitsuba 3.9.1 ends the process
 MESH_ATTRIBUTE = "mesh_attribute"  # texture
 ATTRIBUTES_TAKEN = re.compile(r'MeshAttribute\[\s*name = "([^"]*)"')
 """In what Mitsuba prints of a material."""
@@ -66,13 +71,15 @@ def refuse_missing_files(scene: ParsedScene) -> None:
     """Raise InputError that names all missing meshes, textures and tables."""
     missing = dict[str, str]()
     for node in scene.state.nodes:
-        name = node.props.get("filename", None)
+        name, kind = node.props.get("filename", None), node.props.plugin_name()
+        if kind == "bitmap" and not any(source in node.props for source in SOURCES):
+            missing.setdefault("a bitmap without a filename", scene.where(node))
         if not isinstance(name, str):
             continue
         file = Path(str(scene.resolver.resolve(name)))
         if not os.path.isfile(file):
             missing.setdefault(name, scene.where(node))
-        elif node.props.plugin_name() in PICTURES:
+        elif kind in PICTURES:
             require_plausible_picture(file)
     if missing:
         named = ", ".join(f"{name} ({line})" for name, line in missing.items())

@@ -1,4 +1,4 @@
-"""The spectra of a parsed scene, found in one walk: where each can be above zero, and the numbers that it is made of.
+"""Spectra of a parsed scene: where each can be above zero, the numbers that it is made of, and tables of metals.
 
 The tables of the metals that Mitsuba 3.9 knows by name extend from about 300 to between 590 and 900 nm. Outside them
 it takes η = k = 0, which reflects everything, or is NaN at normal incidence; here their first and last values are held.
@@ -90,8 +90,8 @@ class Part:
         if self.kind == "irregular":
             return _listed(props.get("wavelengths", "")), values
         if all(name in props for name in ENDS):
-            ends_nm = [float(props[name]) for name in ENDS]
-            return np.linspace(*ends_nm, max(len(values), 2)), values
+            first_nm, last_nm = (float(props[name]) for name in ENDS)
+            return np.linspace(first_nm, last_nm, max(len(values), 2)), values
         return (np.array(MITSUBA_NM) if self.kind in LIMITED else None), values
 
     @property
@@ -165,9 +165,10 @@ def _parts(
         yield Part(owner, key, is_inside, "table")
 
 
-def light_range(emitter: MitsubaObject, properties: Iterable[Property]) -> Range:
-    """Return the wavelengths at which an emitter can shine; a colour or float that stands in it is times D65."""
-    kind, own = emitter.props.plugin_name(), [one for one in properties if one.node == emitter]
+def light_range(emitter: MitsubaObject, own: Iterable[Property]) -> Range:
+    """Return the wavelengths at which an emitter can shine, by its properties; a colour or a float that stands in the
+    emitter is multiplied by D65."""
+    kind = emitter.props.plugin_name()
     strengths = [one for one in own if one.role in STRENGTHS]
     if kind in SUNS:
         return SUN_NM
@@ -189,8 +190,10 @@ def values_of_part(scene: ParsedScene, part: Part, band_nm: Range) -> Float64Arr
             grid = mitsuba().VolumeGrid(str(file))
         return np.zeros(0) if grid is None else np.array([float(grid.max())])
     nm, values = part.table
-    if nm is None or nm.shape != values.shape:
-        return values if nm is None else np.zeros(0)
+    if nm is None:
+        return values
+    if not nm.size or nm.shape != values.shape:
+        return np.zeros(0)
     ends = np.interp(band_nm, nm, values, left=0.0, right=0.0)
     return np.concatenate([values[(nm >= band_nm[0]) & (nm <= band_nm[1])], ends])
 
@@ -217,7 +220,9 @@ def _pixels(scene: ParsedScene, props: MitsubaObject) -> Float64Array:
 def _listed(numbers: object) -> Float64Array:
     """Numbers that are written in one text, or a list already; none where one of them is no number."""
     listed = (
-        numbers.replace(",", " ").split() if isinstance(numbers, str) else np.ravel(numbers)
+        numbers.replace(",", " ").split()
+        if isinstance(numbers, str)
+        else np.array(numbers).ravel()
     )
     try:
         return np.array([float(number) for number in listed])

@@ -86,7 +86,7 @@ def colours(subject: Subject) -> Found:
     textures as lights, which Mitsuba does not multiply by D65 as it does with <rgb> and envmap."""
     scene, (low_nm, high_nm) = subject.scene, subject.band_nm
     by_material: dict[str | None, list[MitsubaObject]] = {}
-    for colour, material in ruled_colours(scene, high_nm):
+    for colour, material in ruled_colours(scene, subject.properties, high_nm):
         by_material.setdefault(material and material.name, []).append(colour.node)
     for name, nodes in by_material.items():
         rule = f"keeps its value at {HELD_FROM_NM:g} nm"
@@ -96,7 +96,7 @@ def colours(subject: Subject) -> Found:
         rgb, data_nm = f"rgb in {places(len(nodes))}", (0.0, HELD_FROM_NM)
         what = f"beyond {HELD_FROM_NM:g} nm {rgb} {rule}; {subject.beyond(data_nm)}"
         yield Finding("note", subject.lines(nodes), what, remedy, data_nm, f"{rgb} {rule}")
-    all_colours, first_nm = rgb_colours(scene), MITSUBA_NM[0]
+    all_colours, first_nm = rgb_colours(scene, subject.properties), MITSUBA_NM[0]
     if all_colours and low_nm < first_nm:
         nodes, data_nm = [colour.node for colour in all_colours], (first_nm, math.inf)
         what = (
@@ -104,11 +104,8 @@ def colours(subject: Subject) -> Found:
         )
         what = f"{what}; {subject.beyond(data_nm)}"
         yield Finding("wrong", subject.lines(nodes), what, "give measured spectra", data_nm)
-    lamps = [
-        colour.node for colour in all_colours if colour.is_light and colour.role in STRENGTHS
-    ]
-    if lamps:
-        lamps = [lamp for number, lamp in enumerate(lamps) if lamp not in lamps[:number]]
+    of_lamps = [one.node for one in all_colours if one.is_light and one.role in STRENGTHS]
+    if lamps := list({id(node): node for node in of_lamps}.values()):
         what = (
             f"a texture as a light in {places(len(lamps))} is not multiplied by D65, as <rgb> is: its white is flat, "
             f"and it shines beyond {MITSUBA_NM[1]:g} nm"

@@ -81,5 +81,5 @@ def _refuse_halves_of_a_pinhole(camera: Camera) -> None:
         return
     raise InputError(
         f"{asked}, for the halves of a pupil, and the scene's sensor is a pinhole; take a thinlens sensor in the "
-        "scene, give lens.prescription, or leave it out."
+        "scene, give lens.prescription, or omit it."
     )

@@ -142,7 +142,7 @@ def load_scene(
 
     parameters, scene_unit, width : as for :func:`render`.  sampler : Mitsuba plugin that samples the light paths.
     camera : whose lens is used; by default the one that the scene file names, if any.
-    emitters : those of a light group, by their numbers in :func:`light_groups.emitters_of`; all of them by default.
+    emitters : of a light group, by their numbers in :func:`render.scene.light_groups.emitters_of`; by default all.
     """
     if not isinstance(scene, ParsedScene):
         scene = parse(scene, {"parameters": parameters})

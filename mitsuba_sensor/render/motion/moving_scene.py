@@ -189,7 +189,7 @@ def _require_movable(motion: Motion, names: Sequence[str]) -> None:
     if known:
         has = f"the ids are {', '.join(known)}"
     raise InputError(
-        f"the motion names {missing!r}, which is no shape of the scene and no emitter with a transform; "
+        f"the motion names {missing!r}, which is neither a shape of the scene nor an emitter with a transform; "
         f"{has}.{nearest(missing, known)}"
     )
 

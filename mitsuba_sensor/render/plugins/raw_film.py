@@ -78,7 +78,7 @@ def _film_class(variant: str) -> MitsubaObject:
 
         def prepare(self, aovs: Any) -> int:
             """Called by an integrator that fills it with samples, which it cannot hold."""
-            way_out = "put the integrator of the scene into one, or leave output out for the light of each band"
+            way_out = "put the integrator of the scene into one, or omit output for the light of each band"
             raise InputError(
                 f'a photosensor of output "raw" needs <integrator type="raw_frame">; {way_out}.'
             )
@@ -152,8 +152,9 @@ def _integrator_class(variant: str) -> MitsubaObject:
             first_seed, view = int(np.ravel(seed)[0]), LoadedView(scene, chosen, self.inner)
             light = render_light(view, seed=first_seed, spp=samples)
             photons, camera, exposure, serial = collected(light, None, None, None, None)
-            seeds = {"serial": serial, "seed": first_seed}
-            exposed = exposure_of_photons(photons, camera, exposure, seeds)
+            exposed = exposure_of_photons(
+                photons, camera, exposure, {"serial": serial, "seed": first_seed}
+            )
             film.digital = np.asarray(exposed.frames().digital[0])
             return film.develop()
 

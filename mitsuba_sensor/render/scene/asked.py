@@ -103,8 +103,8 @@ def checked_light_groups(name: str, given: object) -> AskedGroups:
     if texts is not None:
         by_group = dict[str, tuple[str, ...]]()
         for text in texts:
-            group, _, patterns = text.partition("=")
-            by_group[group.strip()] = (*by_group.get(group.strip(), ()), *_patterns(patterns))
+            name_of_group, _, ids = (part.strip() for part in text.partition("="))
+            by_group[name_of_group] = (*by_group.get(name_of_group, ()), *_patterns(ids))
         given = by_group
     if not isinstance(given, Mapping) or not given:
         raise InputError(f"{name} is {given!r}; pass {GROUP_EXAMPLE}.")
@@ -142,7 +142,7 @@ def refuse_many(name: str, groups: Collection[str], ids: Sequence[str] = ()) -> 
     if 0 < len(suggested) <= MOST_GROUPS:
         example = f"as the ids of this scene suggest, `{as_options(suggested)}` ({suggested})"
     raise InputError(
-        f"{name} makes {len(groups)} groups, each a render of its own; at most {MOST_GROUPS}: put several emitters "
+        f"{name} makes {len(groups)} groups, each a separate render; at most {MOST_GROUPS}: put several emitters "
         f"into one by patterns of their ids, {example}."
     )
 

@@ -93,7 +93,7 @@ def parts_of_light(
     if camera.sensor.dual_pixel:
         raise InputError(
             f"light_groups are given, and {camera.name} has dual pixels, whose light is rendered by halves of the "
-            "pupil; leave light_groups out, or set sensor.dual_pixel to false."
+            "pupil; omit light_groups, or set sensor.dual_pixel to false."
         )
     return light_groups_of(scene, asked)
 

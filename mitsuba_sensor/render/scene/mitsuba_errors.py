@@ -92,7 +92,7 @@ def gradient_integrators() -> list[str]:
 
 
 def refuse_foreign_plugins(name: str, state: MitsubaObject, resolver: MitsubaObject) -> None:
-    """Raise InputError for a type that is no name, and for one whose code is not Mitsuba's own.
+    """Raise InputError for a type that cannot be a name, and for one whose code is not Mitsuba's own.
 
     Types that Python has registered have no file.  name : of the scene.  state : parsed, of which nothing is built.
     resolver : looks into Mitsuba's folder first.

@@ -164,7 +164,7 @@ def _of_dict(
     for place, value in _leaves(given):
         if options["integrator"] and isinstance(value, mitsuba().Integrator):
             raise InputError(
-                f"integrator is given and {place!r} of the dict is one already; leave one of them out."
+                f"integrator is given and {place!r} of the dict is one already; remove one of them."
             )
         own, now = str(getattr(value, "variant_name", str)()), variant.name
         if own not in ("", now):  # a picture has none
@@ -259,7 +259,7 @@ def _with_integrator(scene: ParsedScene, kind: str) -> ParsedScene:
         del node.props[name]
     node.props.set_plugin_name(kind)
     what = f"integrator {old!r} is replaced by {kind!r}, as asked"
-    remedy = "leave the option out for the scene's own"
+    remedy = "omit the option for the scene's own"
     return replace(scene, changes=(*scene.changes, (scene.where(node), what, remedy)))
 
 

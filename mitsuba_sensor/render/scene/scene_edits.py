@@ -114,7 +114,7 @@ class SceneEdits:
         if is_pose and self.look_at is not None:
             return "and look_at is given, which is the same; remove one of the two."
         if not _count(parameters[key]):
-            return f"which is no number, or more than {NUMBERS_MAX} numbers; change the scene file instead."
+            return f"which is not a number, or more than {NUMBERS_MAX} numbers; change the scene file instead."
         return ""
 
 
@@ -149,6 +149,6 @@ def _changed(what: str, value: MitsubaObject, numbers: Numbers) -> MitsubaObject
     matrix = np.array(numbers).reshape(side, side)
     if not np.linalg.det(matrix) or (matrix[-1] != np.eye(side)[-1]).any():
         raise InputError(
-            f"{what} is no transform; its last row is 0 … 0 1, and it has an inverse."
+            f"{what} is not a transform; its last row must be 0 … 0 1, and it must have an inverse."
         )
     return type(value)(matrix)

@@ -176,7 +176,7 @@ def settings_from(film: Fields, lens: Fields) -> SceneSettings:
         Metering.of_text(exposure["meter"])
         if time_s != "auto":
             raise InputError(
-                f"meter is {exposure['meter']!r} and exposure_s is {time_s!r}; leave one of them out."
+                f"meter is {exposure['meter']!r} and exposure_s is {time_s!r}; remove one of them."
             )
     for name in ("seed", "serial"):
         require_seed(name, exposure.get(name, 0))

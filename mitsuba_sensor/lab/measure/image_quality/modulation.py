@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 NYQUIST = 0.5
 """Nyquist's frequency of the pixels [cycles per pixel]."""
-BETWEEN = 8
-"""Steps from one value to the next in which the interval between them is drawn."""
 NORMAL_FROM = 6.0
 """Standard errors from which on the modulus of a complex value with noise has a normal law."""
 
@@ -31,7 +29,6 @@ class Modulation:
 
     frequency : [cycles per pixel], rising from 0.  value : modulation there, 1 at frequency 0.
     low, high : ends of the 95 % interval at each frequency.  section : where its definition stands.
-    independent : whether neighbouring values have noise of their own, which is smaller between them.
     note : what restricts the figures, or nothing.
     """
 
@@ -40,7 +37,6 @@ class Modulation:
     low: Float64Array
     high: Float64Array
     section: str
-    independent: bool = False
     note: str = ""
 
     @property
@@ -64,11 +60,8 @@ class Modulation:
         if not self.frequency[0] <= frequency <= self.frequency[-1]:
             note = f"the curve is from {self.frequency[0]:.3g} to {self.frequency[-1]:.3g}"
             return no_value(symbol, name, "", self.section, note)
-        value = float(np.interp(frequency, self.frequency, self.value))
-        places, low_curve, high_curve = self._band()
-        low, high = (
-            float(np.interp(frequency, places, curve)) for curve in (low_curve, high_curve)
-        )
+        curves = self.value, self.low, self.high
+        value, low, high = (float(np.interp(frequency, self.frequency, c)) for c in curves)
         return Quantity(symbol, name, value, low, high, "", self.section)
 
     def falls_to(self, share: float) -> Quantity:
@@ -83,28 +76,10 @@ class Modulation:
             note = f"more than {share:g} up to {self.frequency[-1]:.3g} cycles per pixel"
             return no_value(symbol, name, "cy/px", self.section, note)
         place = float(crossings[0])
-        places, *band = self._band()
-        lower, upper = (_crossings(places, curve, share) for curve in band)
+        lower, upper = (_crossings(self.frequency, end, share) for end in (self.low, self.high))
         low = float(np.max(lower[lower <= place], initial=self.frequency[0]))
         high = float(np.min(upper[upper >= place], initial=self.frequency[-1]))
         return Quantity(symbol, name, place, low, high, "cy/px", self.section)
-
-    def _band(self) -> tuple[Float64Array, Float64Array, Float64Array]:
-        """Frequencies, and the ends of the interval there; between independent values, too, as their errors add."""
-        if not self.independent:
-            return self.frequency, self.low, self.high
-        place = np.linspace(0, len(self.value) - 1, BETWEEN * (len(self.value) - 1) + 1)
-        before = np.minimum(place.astype(int), len(self.value) - 2)
-        weight = place - before
-        errors = [
-            np.hypot((1 - weight) * error[before], weight * error[before + 1])
-            for error in (self.value - self.low, self.high - self.value)
-        ]
-        frequency, value = (
-            (1 - weight) * values[before] + weight * values[before + 1]
-            for values in (self.frequency, self.value)
-        )
-        return frequency, value - errors[0], value + errors[1]
 
     def plot(self, ax: Axes, label: str = "measured") -> None:
         """The curve with its band."""

@@ -184,7 +184,7 @@ def _modulation(
     frequency = cycles / (2 * math.pi * radii * sample_px)
     low, high = np.minimum(low, value), np.maximum(high, value)
     band = low / contrast, high / contrast
-    return Modulation(frequency, value / contrast, *band, SECTION, independent=True)
+    return Modulation(frequency, value / contrast, *band, SECTION)
 
 
 def _interval(total: Float64Array, noise: Float64Array) -> tuple[Float64Array, Float64Array]:
