@@ -160,10 +160,11 @@ def random_sample(kind: str, number: int) -> Sample:
             "adc.black_level_dn": 10.0 + 6 * spread_dn + rng.uniform(),
         }
     )
+    shot_e = math.sqrt(rate * EXPOSURE.time_s)
     true = {
         "K": gain,
         "η": efficiency,
-        "σ_d": math.hypot(read_e, row_e, column_e),
+        "σ_d": math.hypot(read_e, row_e, column_e, shot_e),
         "DSNU1288": math.hypot(*dsnu_e),
         "DSNU1288_row": dsnu_e[0],
         "DSNU1288_col": dsnu_e[1],
@@ -173,7 +174,7 @@ def random_sample(kind: str, number: int) -> Sample:
         "PRNU1288_pixel": 100 * prnu,
         "σ_row": row_e,
         "σ_col": column_e,
-        "σ_pixel": read_e,
+        "σ_pixel": math.hypot(read_e, shot_e),
     }
     if rate:
         true |= {"µ_I.mean": rate, "µ_I.var": rate}

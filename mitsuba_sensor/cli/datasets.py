@@ -12,7 +12,6 @@ from rich.console import Group as Lines
 from rich.console import RenderableType
 from rich.text import Text
 
-from ..core import InputError
 from ..core.progress import duration
 from ..dataset.exports.formats import FORMATS, ExportOptions
 from ..dataset.options import RootOptions, RunOptions
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
     from ..dataset.forecast import Forecast
     from ..dataset.plan import DatasetPlan
     from ..dataset.run import Failure, RunProgress
-    from ..dataset.verify import Fault
+    from ..dataset.table import Fault
 
 READ_FIRST = {
     "contact_sheet.png": "some of the frames, to look at",
@@ -88,14 +87,6 @@ PictureFile = Annotated[
         help="Write its picture there, developed from the raw frame where the dataset stores none.",
         rich_help_panel=arguments.OUTPUT,
         autocompletion=shell_files,
-    ),
-]
-OpensPicture = Annotated[
-    bool,
-    typer.Option(
-        "--open",
-        help="Open its picture with the program of this desktop.",
-        rich_help_panel=arguments.OUTPUT,
     ),
 ]
 RemovesDamage = Annotated[
@@ -188,7 +179,6 @@ def show_command(
     folder: DatasetFolder,
     sample: SampleCalled,
     picture: PictureFile = None,
-    opens: OpensPicture = False,
     as_json: arguments.Json = False,
 ) -> None:
     """Say what one sample is: its settings, signal and noise, its files, and where its picture is."""
@@ -201,12 +191,8 @@ def show_command(
     facts = {**sample_facts(samples, place, samples[place]), "picture": picture}
     if picture is not None:
         write_png(Path(picture), samples[place].read("preview"))
-    elif opens:
-        raise InputError(f"pictures are in shards; {WRITE_ONE}, which --open shows.")
     where = picture or f"in the shard; {WRITE_ONE}"
     show(facts if as_json else sample_sheet(facts, where), as_json)
-    if opens and typer.launch(str(picture)) != 0:
-        err.print(f"no program here shows pictures; the picture is {picture}")
 
 
 @dataset.command("status", cls=Command, epilog="Example: mitsuba-sensor dataset status pairs/")
@@ -237,7 +223,7 @@ def verify_command(
 ) -> None:
     """Read every file of a dataset, and say what is not as it was written. Exit code 1 if anything is not."""
     from ..dataset.store import Store
-    from ..dataset.verify import remove_faults, verify
+    from ..dataset.table import remove_faults, verify
 
     store = Store(folder)
     with steps_bar(err) as now:
@@ -266,7 +252,7 @@ def export_command(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Write a dataset as the files of another program, with a card: README.md with counts, noise, licence and hashes.
+    """Write a dataset as the files of another program, with a card: README.md with counts, noise and licence.
 
     The folder appears whole or not at all; files.json in it has the size and SHA-256 of each file.
     """

@@ -1,9 +1,9 @@
-"""The cameras of a dataset, with all that is set or varied in them."""
+"""The cameras of a dataset, with all that is set or varied in them, and the folders that its files are read from."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePath
 from typing import NamedTuple
 
@@ -11,30 +11,35 @@ from ..camera.camera import Camera, with_fields_of
 from ..camera.camera_file import load_camera
 from ..camera.datasheet_errors import fields_of
 from ..camera.dual_pixels import has_several_readouts
+from ..camera.exposure_times import later_exposures
 from ..camera.lens_file import list_lenses
-from ..camera.shipped import SHIPPED, list_cameras
-from ..core import InputError, nearest
-from ..files.scene_references import camera_references, check_below, files_digest, folder_names
-from .file import CameraEntry
-from .keys import Config, Facts, key_of
+from ..camera.shipped import list_cameras
+from ..core import Exposure, InputError, nearest
+from ..files.scene_references import camera_references, check_below, folder_names
+from .file import CameraEntry, DatasetFile
+from .keys import Config, Facts, Fixed, key_of
 from .sweep import Combination, of_kind
 from .values import SAME
 
 SET_BY_DATASET = "set by the dataset file"
 MAY_BE_FILES = ("lens.prescription", "quantum_efficiency.file")
+CAMERAS_KEPT = 500
 
 
 class VariedCamera(NamedTuple):
     """A camera before its gain.
 
     datasheet : its numbers, without what is written for people.  key : of the datasheet.  gain : name of its gain
-    setting, or None for that of the datasheet.
+    setting, or None for that of the datasheet.  light : what of it decides the light in front of its pixels.
+    is_staggered : whether it has exposures one after the other.
     """
 
     camera: Camera
-    datasheet: Facts
+    datasheet: Fixed
     key: str
     gain: str | None
+    light: Fixed
+    is_staggered: bool
 
 
 class Folders(NamedTuple):
@@ -70,28 +75,28 @@ class Folders(NamedTuple):
                 return root / name
         raise InputError(f"{what} is {name[:200]!r}, and there is no such file; {remedy}.")
 
-    def named(self, paths: Sequence[Path], beside: Path) -> list[tuple[str, Path]]:
-        """Names of files that are the same on every machine, and the files. Raises InputError for one outside."""
-        return check_below(paths, self.roots, None if self.untrusted else beside)
-
-    def digest(self, paths: Sequence[Path], beside: Path) -> str:
-        """SHA-256 over these names and the contents."""
-        return files_digest(paths, self.roots, None if self.untrusted else beside)
+    def check(self, paths: Sequence[Path]) -> None:
+        """Raise InputError for a file that may not be read."""
+        if self.untrusted:
+            check_below(paths, self.roots)
 
 
 class Cameras:
-    """The cameras of the entries of a dataset file. Raises InputError for one that cannot be."""
+    """The cameras of a dataset file. Raises InputError for one that cannot be.
 
-    def __init__(self, entries: Sequence[CameraEntry], folders: Folders) -> None:
-        self.entries, self.folders = entries, folders
-        self._files = [*map(self._file_of, entries)]
+    models : names of their models, by entry: two entries of one model and serial number are the same sensor unit.
+    """
+
+    def __init__(self, file: DatasetFile, folders: Folders) -> None:
+        self.entries, self.folders = file.cameras, folders
+        self.as_given = [*map(self._of_entry, file.cameras)]
+        self.models = [camera.name for camera in self.as_given]
+        self._is_cube = file.render.get("spectral") == "cube"
+        self._varied_names = [
+            x for x in file.varied if x in ("gain", *SAME) or x.startswith("camera.")
+        ]
         self._varied: dict[str, VariedCamera] = {}
-        self.as_given = [*map(self._of_entry, entries, self._files)]
-
-    @property
-    def models(self) -> list[str]:
-        """Names of the models, by entry: two entries of one model and serial number are the same chip."""
-        return [camera.name for camera in self.as_given]
+        _check_outputs(file.outputs, self.as_given)
 
     def name(self, number: int) -> str:
         """What the dataset calls it."""
@@ -99,50 +104,38 @@ class Cameras:
 
     def of(self, one: Combination) -> VariedCamera:
         """The camera with all that varies in it; that it has the gain setting is checked. Raises InputError."""
-        varied = _varied(one)
-        gain = one.values.get("gain")
-        known = repr((one.camera, gain, varied))
+        values = {x: one.values[x] for x in self._varied_names if x in one.values}
+        known = repr((one.camera, values))
         if known not in self._varied:
-            changes = self._with_places(varied, "the camera")
-            camera = with_fields_of(self.as_given[one.camera], changes, SET_BY_DATASET)
-            if gain is None:
-                setting = None
-            else:
-                setting = camera.at_gain(gain).gain
-            sheet = camera.model_dump(mode="json", exclude={"description", "sources"})
-            self._varied[known] = VariedCamera(camera, sheet, key_of(sheet), setting)
+            if len(self._varied) >= CAMERAS_KEPT:
+                self._varied.clear()
+            self._varied[known] = self._with(one.camera, values)
         return self._varied[known]
 
-    def files(self, one: Combination) -> Iterator[tuple[Path, str]]:
-        """All files that the camera of a sample is read from, and what they are of."""
-        use, file = f"camera {self.name(one.camera)}", self._files[one.camera]
-        if file is None:
-            found = [Path(str(SHIPPED / f"{self.entries[one.camera].camera}.toml"))]
-        else:
-            found = camera_references(file)
-        for changes in (fields_in(self.entries[one.camera].set), _varied(one)):
-            found += [self.folders.find(name, use) for name in _files_in(changes)]
-        yield from ((path, use) for path in found)
+    def _with(self, entry: int, values: Facts) -> VariedCamera:
+        gain = values.pop("gain", None)
+        fields = of_kind("camera", {SAME.get(name, name): x for name, x in values.items()})
+        changes = self._with_places(fields, "the camera")
+        camera = with_fields_of(self.as_given[entry], changes, SET_BY_DATASET)
+        setting = None if gain is None else camera.at_gain(gain).gain
+        sheet = Fixed(camera.model_dump(mode="json", exclude={"description", "sources"}))
+        light = Fixed(_of_light(camera, self._is_cube))
+        return VariedCamera(camera, sheet, key_of(sheet), setting, light, is_staggered(camera))
 
-    def _file_of(self, entry: CameraEntry) -> Path | None:
-        """The file of a camera; None where it ships with the package. Raises InputError."""
-        where = f"camera {entry.camera[:200]!r}"
-        shipped = entry.camera in list_cameras()
-        if not shipped and not entry.camera.endswith(".toml"):
-            near = nearest(entry.camera, list_cameras())
-            remedy = "`mitsuba-sensor cameras list` has them; the name of a camera file ends in .toml"
-            raise InputError(f"{where} is not a camera; {remedy}.{near}")
-        if shipped:
-            return None
-        file = self.folders.find(entry.camera, where)
-        self.folders.named(camera_references(file), file.parent)
-        return file
-
-    def _of_entry(self, entry: CameraEntry, file: Path | None) -> Camera:
-        camera = load_camera(entry.camera if file is None else file)
-        where = f"camera {entry.camera[:200]!r}"
-        changes = self._with_places(fields_in(entry.set), where)
-        return with_fields_of(camera, changes, SET_BY_DATASET).without(*entry.without)
+    def _of_entry(self, entry: CameraEntry) -> Camera:
+        where, source = f"camera {entry.camera[:200]!r}", entry.camera
+        if source not in list_cameras():
+            if not source.endswith(".toml"):
+                near = nearest(source, list_cameras())
+                remedy = "`mitsuba-sensor cameras list` has them; the name of a camera file ends in .toml"
+                raise InputError(f"{where} is not a camera; {remedy}.{near}")
+            path = self.folders.find(source, where)
+            self.folders.check(camera_references(path))
+            source = str(path)
+        changes = self._with_places(_fields_in(entry.set), where)
+        return with_fields_of(load_camera(source), changes, SET_BY_DATASET).without(
+            *entry.without
+        )
 
     def _with_places(self, changes: Config, where: str, table: str = "") -> Facts:
         """The same; fields that name files, with their place below a root.  table : in which the fields are."""
@@ -156,18 +149,9 @@ class Cameras:
         return found
 
 
-def _varied(one: Combination) -> Facts:
-    """Fields of the camera of a sample that vary, and their values."""
-    return of_kind("camera", {SAME.get(name, name): x for name, x in one.values.items()})
-
-
-def _files_in(changes: Config, table: str = "") -> Iterator[str]:
-    """Names of the files that fields name.  table : in which the fields are."""
-    for field, value in changes.items():
-        if isinstance(value, Mapping):
-            yield from _files_in(value, f"{table}{field}.")
-        elif _is_file(f"{table}{field}", value):
-            yield value
+def is_staggered(camera: Camera) -> bool:
+    """Whether it has exposures one after the other."""
+    return bool(later_exposures(camera, Exposure(1.0)))
 
 
 def _is_file(field: str, value: object) -> bool:
@@ -175,7 +159,7 @@ def _is_file(field: str, value: object) -> bool:
     return field in MAY_BE_FILES and isinstance(value, str) and value not in list_lenses()
 
 
-def fields_in(tables: Config, table: str = "") -> Facts:
+def _fields_in(tables: Config, table: str = "") -> Facts:
     """Dotted names of fields and their values: `adc.bits = 12` without quotes is a table in a table."""
     found, known = dict[str, object](), fields_of(Camera)
     for name, value in tables.items():
@@ -185,26 +169,24 @@ def fields_in(tables: Config, table: str = "") -> Facts:
             and value
             and all(f"{dotted}.{one}" in known for one in value)
         ):
-            found |= fields_in(value, f"{dotted}.")
+            found |= _fields_in(value, f"{dotted}.")
         else:
             found[dotted] = value
     return found
 
 
-def of_light(camera: Camera, cube: bool) -> Facts:
+def _of_light(camera: Camera, is_cube: bool) -> Facts:
     """What of the camera decides the light in front of its pixels. With a cube all that it detects is its band."""
     whole = camera.model_dump(mode="json", include={"lens", "sensor", "quantum_efficiency"})
     of_sensor = ("columns", "rows", "shutter", "row_time_us", "dual_pixel")
-    sensor = {name: whole["sensor"][name] for name in of_sensor}
-    pitch = [camera.pixel.pitch_x_um, camera.pixel.pitch_y_um]
-    if cube:
-        detected = {"band_nm": camera.band_nm}
-    else:
-        detected = {"quantum_efficiency": whole["quantum_efficiency"]}
-    return {"lens": whole["lens"], "sensor": sensor, "pitch_um": pitch, **detected}
+    whole["sensor"] = {name: whole["sensor"][name] for name in of_sensor}
+    if is_cube:
+        del whole["quantum_efficiency"]
+        whole["band_nm"] = camera.band_nm
+    return {**whole, "pitch_um": [camera.pixel.pitch_x_um, camera.pixel.pitch_y_um]}
 
 
-def check_outputs(outputs: Sequence[str], cameras: Sequence[Camera]) -> None:
+def _check_outputs(outputs: Sequence[str], cameras: Sequence[Camera]) -> None:
     """Raise InputError for an output that no camera of the dataset has."""
     if "readouts" in outputs and not any(map(has_several_readouts, cameras)):
         raise InputError(

@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-import hashlib
+import csv
+import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any
 
 import numpy as np
 
 from ..camera.figures import figures_if_any
 from ..core.html import render_template
+from ..files import durable
+from ..files.parquet import POSE
 from ..files.png import png, write_png
 from ..files.texts import write_page
 from ..output.contact_sheet import Captioned, SheetRow, contact_sheet
-from ..render.limits import SHORTEST_METERED_S
 from .file import DatasetFile
 from .keys import Config, Facts, canonical
-from .read import IMAGES, PICTURE, Sample
-from .store import Store
-from .table import Line
+from .read import IMAGES, Sample
+from .store import Row, Store
+from .sweep import evenly_chosen
+from .table import EXPOSED, Table
+from .values import PICTURE
 
 CARD, SHEET = "README.md", "contact_sheet.png"
 TEMPLATE = Path(__file__).with_name("card.md.j2")
@@ -41,33 +45,78 @@ HOW = """import mitsuba_sensor as ms
 for sample in ms.Dataset("DIR"):
     print(sample.key, sample.split, sample.values, sample.read("{array}").shape)
 """
-Thing = TypeVar("Thing")
 
 
-class CardNotes(NamedTuple):
-    """What a run says at its end as the card does.  render_noise : how large it is.  remarks : on light that is too
-    bright."""
+TABLE = "samples.csv"
+ROWS_MAX = 100_000
+"""Rows of which spreadsheets are made."""
+COLUMNS = ("key", "split", "shard", "scene", "view", "camera", "serial", *EXPOSED)
+"""First columns of samples.csv; then all others that vary."""
+AGAIN = (
+    f"`index.parquet` lists all samples, and so does `{TABLE}`, of up to {ROWS_MAX} samples. `mitsuba-sensor dataset "
+    "run` writes them, this page and the contact sheet again when the dataset changes: keep notes of your own in "
+    "another file."
+)
 
-    render_noise: str = ""
-    remarks: tuple[str, ...] = ()
+
+def write_overview(
+    store: Store, file: DatasetFile, table: Table, planned: int, failed: int
+) -> str:
+    """Write all three where the card is of other samples, and return how large the render noise is. Raises InputError.
+
+    planned : samples in all.  failed : tasks that could not be made.
+    """
+    mark = f"<!-- {table.digest} of {planned}, {failed} failed -->"
+    names = [CARD] + [TABLE] * (len(table) <= ROWS_MAX)
+    card = durable.read_small(store.folder / CARD, 2**24).decode("utf-8", "replace")
+    names += [SHEET] * (f"({SHEET})" in card)
+    if mark in card and all((store.folder / name).is_file() for name in names):
+        return ""
+    notes = [AGAIN, mark]
+    if planned > len(table):
+        why = f", and {failed} tasks have failed" if failed else ""
+        notes.insert(0, f"{planned - len(table)} of {planned} samples are not there{why}.")
+    if len(table) <= ROWS_MAX:
+        write_page(store.folder / TABLE, samples_csv(table))
+    else:
+        durable.remove_file(store.folder / TABLE)
+    return write_card(store.folder, store, table, file, file.licence, "", notes)
+
+
+def samples_csv(table: Table) -> str:
+    """A row for each sample, for spreadsheets; the parts of a pose have columns of their own."""
+    names, text = dict.fromkeys((*COLUMNS, *table.names)), io.StringIO()
+    if "pose" in names:
+        names |= dict.fromkeys(f"pose.{name}" for name in POSE)
+        del names["pose"]
+    writer = csv.DictWriter(text, [*names], restval="", lineterminator="\n")
+    writer.writeheader()
+    for line in table:
+        cells = {"key": line.key, "split": line.split, "shard": line.shard, **line.exposed}
+        pose = line.values.get("pose", {}).items()
+        cells |= line.values | {f"pose.{name}": vector for name, vector in pose}
+        cells.pop("pose", None)
+        lists = {n: " ".join(map(str, x)) for n, x in cells.items() if isinstance(x, list)}
+        writer.writerow(cells | lists)
+    return text.getvalue()
 
 
 def write_card(
     folder: Path,
     store: Store,
-    lines: Sequence[Line],
+    lines: Sequence[Row],
     file: DatasetFile,
     licence: str,
     how: str = "",
     notes: Iterable[str] = (),
-) -> CardNotes:
-    """Write README.md, and contact_sheet.png where there are pictures. Raises InputError.
+) -> str:
+    """Write README.md, and contact_sheet.png where there are pictures, and return how large the render noise is. Raises
+    InputError.
 
     lines : of the samples.  how : code that reads them; by default that for the dataset itself.  notes : sentences.
     """
-    chosen = evenly_chosen(lines, SAMPLES_READ_MAX)
+    chosen, all_notes = evenly_chosen(lines, SAMPLES_READ_MAX), [*notes]
     facts = [Sample(store, line).facts for line in chosen]
-    remarks, all_notes = _remarks(facts), [*notes]
     if len(chosen) < len(lines):
         all_notes.append(
             f"{len(chosen)} of the {len(lines)} samples, evenly chosen, were read for sizes, noise and values."
@@ -79,44 +128,32 @@ def write_card(
         all_notes.append(
             "There is no contact sheet: neither `preview` nor `raw` is among the outputs of the dataset."
         )
-    arrays = [name for name in file.outputs if name in IMAGES]
+    array = next((name for name in file.outputs if name in IMAGES), "")
     is_identifier = re.fullmatch(r"[A-Za-z0-9.-]+", licence)
     noise, render_noise = _noise_rows(facts), _render_noise(facts)
     versions = facts[0]["versions"].items() if facts else ()
-    shards = "\n".join(sorted({line.shard for line in lines}))
     text = render_template(
         TEMPLATE,
         file=file,
         licence=licence,
         licence_id=licence.lower() if is_identifier else "",
-        has_sheet=bool(rows),
-        sheet=SHEET,
+        sheet=SHEET if rows else "",
         figures=_figures(lines, facts),
         render_noise=render_noise,
-        notes=[*remarks, *all_notes],
+        notes=all_notes,
         splits=_split_rows(lines),
         noise=noise,
         noise_varies=any(" to " in _cell(cell) for row in noise for cell in row[3:]),
         values=_value_rows(facts),
-        how=how or (HOW.format(array=arrays[0]) if arrays else ""),
-        hashes=[
-            ("text of the dataset file", _sha256(store.require_record().text)),
-            ("names of the shards, a line each", _sha256(shards)),
-        ],
+        how=how or (HOW.format(array=array) if array else ""),
         versions=", ".join(f"{name} {version}" for name, version in versions if version),
         table=_table,
     )
     write_page(folder / CARD, re.sub(r"\n{3,}", "\n\n", text).strip() + "\n")
-    return CardNotes(render_noise, remarks)
+    return render_noise
 
 
-def evenly_chosen(things: Sequence[Thing], most: int) -> list[Thing]:
-    """At most so many of them, evenly chosen, in their order."""
-    places = np.linspace(0, len(things) - 1, min(most, len(things)))
-    return [things[place] for place in np.unique(places.astype(int)).tolist()]
-
-
-def _figures(lines: Sequence[Line], facts: Sequence[Facts]) -> list[tuple[str, str | int]]:
+def _figures(lines: Sequence[Row], facts: Sequence[Facts]) -> list[tuple[str, str | int]]:
     """Counts of the whole dataset."""
     sizes = {f"{one['image']['columns']} × {one['image']['rows']}" for one in facts}
     bytes_of_lights = {line.shard: line.light_bytes for line in lines}
@@ -130,18 +167,16 @@ def _figures(lines: Sequence[Line], facts: Sequence[Facts]) -> list[tuple[str, s
     ]
 
 
-def _split_rows(lines: Iterable[Line]) -> list[tuple[str | int, ...]]:
+def _split_rows(lines: Iterable[Row]) -> list[tuple[str | int, ...]]:
     """Split, samples, scenes, renders and sensor units."""
-    counts: dict[str, int] = {}
-    sets: dict[str, tuple[set[object], ...]] = {}
+    found: dict[str, tuple[set[object], ...]] = {}
     for line in lines:
-        values = line.values
-        unit = values.get("camera"), values.get("serial"), values.get("sensor")
-        counts[line.split] = counts.get(line.split, 0) + 1
-        found = sets.setdefault(line.split, (set(), set(), set()))
-        for known, one in zip(found, (values.get("scene"), line.shard, unit), strict=True):
-            known.add(one)
-    return [(split or "–", counts[split], *map(len, sets[split])) for split in counts]
+        sets = found.setdefault(line.split, (set(), set(), set(), set()))
+        unit = (*map(line.values.get, ("camera", "serial", "sensor")),)
+        things = line.key, line.values.get("scene"), line.shard, unit
+        for known, thing in zip(sets, things, strict=True):
+            known.add(thing)
+    return [(split or "–", *map(len, sets)) for split, sets in found.items()]
 
 
 def _noise_rows(facts: Iterable[Facts]) -> list[tuple[Any, ...]]:
@@ -216,23 +251,10 @@ def _render_noise(facts: Iterable[Facts]) -> str:
     return f"{note} {LESS_RENDER_NOISE}" if median > VISIBLE_RATIO else note
 
 
-def _remarks(facts: Iterable[Facts]) -> tuple[str, ...]:
-    """Where the light is so bright that a metered exposure is shorter than those of cameras."""
-    metered = [one["light"]["metering"] for one in facts]
-    shortest_s = min((one["exposure_s"] for one in metered if one), default=np.inf)
-    if shortest_s >= SHORTEST_METERED_S:
-        return ()
-    return (
-        f"A metered exposure time is {shortest_s:g} s, shorter than {SHORTEST_METERED_S:g} s, because the light is so "
-        "bright; multiply the emitters of the scene by the light_scale that `mitsuba-sensor render --luminance 500` "
-        "writes into frame.json.",
-    )
-
-
-def sheet_rows(store: Store, lines: Sequence[Line]) -> list[SheetRow]:
+def sheet_rows(store: Store, lines: Sequence[Row]) -> list[SheetRow]:
     """Rows of a contact sheet, one for each scene and view, evenly chosen; none without previews and raw frames."""
     looked_at = evenly_chosen(lines, SHEET_LINES_MAX)
-    scenes: dict[str, dict[object, list[Line]]] = {}
+    scenes: dict[str, dict[object, list[Row]]] = {}
     for line in looked_at:
         views = scenes.setdefault(str(line.values.get("scene")), {})
         views.setdefault(line.values.get("view"), []).append(line)
@@ -259,7 +281,7 @@ def _varied(values: Sequence[Config]) -> list[str]:
     return [name for name, x in first.items() if any(one.get(name, x) != x for one in values)]
 
 
-def caption(line: Line, varied: Sequence[str]) -> list[str]:
+def caption(line: Row, varied: Sequence[str]) -> list[str]:
     """The exposure as it was, metering and stops included, and what else varies: one line for each."""
     stops, time_s = line.values.get("exposure_ev"), line.exposed["exposed_s"]
     found = [f"{time_text(time_s)}, {stops:+g} EV" if stops else time_text(time_s)]
@@ -287,10 +309,6 @@ def _range(values: Iterable[float | None]) -> str | float | None:
         return None
     low, high = _cell(min(known)), _cell(max(known))
     return known[0] if low == high else f"{low} to {high}"
-
-
-def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str | float | None]]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import cast
@@ -23,11 +23,10 @@ from ..render.scene.asked import AskedGroups
 from ..render.scene.light_groups import LightGroup, parts_of_light
 from ..render.variants import restores_variant
 from .file import MOST_SAMPLES, DatasetFile
-from .keys import Config, canonical
-from .plan import DatasetPlan, Task, evenly_chosen
-from .scene_entry import Value
-from .sweep import ends, possible_values
-from .task_render import camera_of, parsed_scene, scene_options
+from .keys import canonical
+from .make import camera_of, parsed_scene, scene_options
+from .plan import DatasetPlan, Place, Task
+from .sweep import ends, evenly_chosen, whole_values
 from .values import check_value
 
 MOST_CHECKED = 200
@@ -43,52 +42,31 @@ BYTES_OF_PIXEL, BYTES_OF_CODE = 24, 2
 
 def check_scenes(plan: DatasetPlan) -> None:
     """Parse each scene with its different settings, each once, and load some. Raises InputError where one cannot be
-    rendered. What only a render finds, as a scene without light, it does not find."""
-    parsed, loaded = set[str](), set[str]()
-    for sweep in plan.sweeps:
-        for light in evenly_chosen(
-            range(sweep.lights), max(MOST_CHECKED // len(plan.sweeps), 1)
-        ):
-            for task in plan.tasks_of(sweep, light):
-                to_load, asked = _asked_of_load(task), _asked(task)
-                is_new = bool(to_load) and to_load not in loaded and len(loaded) < MOST_LOADED
-                if is_new or asked not in parsed:
-                    parsed.add(asked)
-                    loaded.add(to_load)
-                    check_scene(plan, task, is_new)
+    rendered. What only a render finds, as a scene without light, it does not find.
 
-
-def _asked(task: Task) -> str:
-    """What the check of a task depends on."""
-    camera = task.lead["camera"]
-    sensors, lens = camera["sensor"], camera["lens"]
-    halves = {
-        "half_pupil": lens.get("half_pupil"),
-        "is_traced": lens.get("prescription") is not None,
-    }
-    width = task.config["render"]["width"]
-    parameters = task.config["parameters"]
-    scene = {"file": task.scene_file, "integrator": task.config["integrator"]}
-    scene |= {"unit": task.config["scene_unit"], "sensor": task.config.get("sensor")}
-    asked = {"parameters": parameters, "width": width, "sensors": sensors, **halves}
-    return canonical({**scene, **asked})
-
-
-def _asked_of_load(task: Task) -> str:
-    """What a scene is loaded for: names of its parameters in Mitsuba, what moves, a lens; empty if for nothing.
-
-    A scene that ends Mitsuba when it is loaded ends a plan, too; any other is only parsed, so that a run goes on.
+    A scene is loaded for what only Mitsuba knows: names of parameters, what moves, a lens. One that ends Mitsuba when
+    it is loaded ends a plan, too; any other is only parsed, so that a run goes on.
     """
-    lens, traverse = task.lead["camera"]["lens"], task.config["traverse"]
-    numbers = {
-        name: len(x) if isinstance(x, list | tuple) else 1 for name, x in traverse.items()
-    }
-    asked = {"traverse": numbers, "motion": task.config.get("motion")}
-    if lens.get("prescription") is not None:
-        asked["lens"] = lens
-    if any(asked.values()):
-        return canonical({"file": task.scene_file, **asked})
-    return ""
+    parsed, loaded = set[str](), set[str]()
+    for scene, sweep in enumerate(plan.sweeps):
+        lights = evenly_chosen(range(sweep.lights), max(MOST_CHECKED // len(plan.sweeps), 1))
+        for light in lights:
+            for task in plan.tasks_at(Place(scene, light)):
+                config, camera = task.config, task.lead["camera"]
+                sizes = {name: np.size(x) for name, x in config["traverse"].items()}
+                lens = camera["lens"] if camera["lens"].get("prescription") else None
+                of_load = [sizes, config.get("motion"), lens]
+                to_load = canonical([task.scene_file, *of_load])
+                asked = map(config.get, ("parameters", "integrator", "scene_unit", "sensor"))
+                width = config["render"]["width"]
+                to_parse = canonical([to_load, *asked, width, camera["sensor"], camera["lens"]])
+                if to_parse in parsed:
+                    continue
+                parsed.add(to_parse)
+                is_loaded = any(of_load) and to_load not in loaded and len(loaded) < MOST_LOADED
+                if is_loaded:
+                    loaded.add(to_load)
+                check_scene(plan, task, is_loaded)
 
 
 @restores_variant
@@ -107,7 +85,7 @@ def check_scene(plan: DatasetPlan, task: Task, is_loaded: bool) -> None:
         shape, origin = parsed.film_area(camera, options["width"])
         check_on_sensor("the film", shape, origin, camera)
         check_halves(parsed, camera)
-        _check_memory(shape, max([1, *_wholes(plan, "frames")]))
+        _check_memory(shape, max([1, *whole_values(plan.file, "frames")]))
         if "dng" in task.lead["outputs"]:
             check_dng(camera, shape)
         asked = cast(AskedGroups | None, chosen["light_groups"])
@@ -129,11 +107,6 @@ def _check_lights(plan: DatasetPlan, groups: Sequence[LightGroup]) -> None:
             if not known:
                 has = 'light_groups is not in [render]; give light_groups = "auto" there'
             raise InputError(f"{name} is varied, and {has}.")
-
-
-def _wholes(plan: DatasetPlan, name: str) -> list[int]:
-    """The whole numbers that something can be."""
-    return [value for value in possible_values(plan.file, name) if isinstance(value, int)]
 
 
 def _check_memory(shape: tuple[int, int], frames: int) -> None:
@@ -159,24 +132,21 @@ class Counts:
 
 
 def checked_counts(
-    plan: DatasetPlan, each: Callable[[int, Task], object] = lambda number, task: None
+    plan: DatasetPlan, each: Callable[[Task], object] = lambda task: None
 ) -> Counts:
     """All samples counted. Raises InputError for values that cannot be, and for two samples that are one.
 
-    each : called with every task and its number.
+    each : called with every task.
     """
     _check_draws(plan.file)
     _check_size(plan)
-    found, keys = Counts(), array("Q")
-    lights: dict[str, set[str]] = {}
+    found, keys, last_light = Counts(), array("Q"), ""
     for task in plan.tasks():
         of_scene = found.by_scene.setdefault(task.scene, [0, 0])
-        before = lights.setdefault(task.scene, set())
-        of_scene[0] += task.light_key not in before
-        before.clear()
-        before.add(task.light_key)
+        of_scene[0] += task.light_key != last_light
         of_scene[1] += len(task.samples)
-        each(found.tasks, task)
+        last_light = task.light_key
+        each(task)
         found.tasks += 1
         found.samples += len(task.samples)
         for sample in task.samples:
@@ -196,7 +166,7 @@ def _check_size(plan: DatasetPlan) -> None:
         for row in plan.sweeps[0].rows
         for camera in range(len(plan.file.cameras))
     )
-    lights = sum(sweep.lights // len(sweep.draws) * sweep.draws.all for sweep in plan.sweeps)
+    lights = sum(sweep.lights // sweep.groups * sweep.draws for sweep in plan.sweeps)
     exposures = max(sweep.cells_of_exposure for sweep in plan.sweeps)
     samples = lights * exposures * len(plan.pairs) * serials
     if samples > MOST_SAMPLES:
@@ -220,36 +190,11 @@ def _refuse_equal(plan: DatasetPlan, key: str) -> None:
 
 
 def _check_draws(file: DatasetFile) -> None:
-    """Raise InputError for a value that a law can draw and that cannot be, and for exposures that are too long with the
-    stops on top."""
-    draws = file.random.draws if file.random else 1
-    laws = file.random.values if file.random else {}
-    for name, law in laws.items():
-        for value in ends(law, draws):
+    """Raise InputError for a value that a law can draw and that cannot be."""
+    laws = file.random.values.items() if file.random else ()
+    for name, law in laws:
+        for value in ends(law, file.random.draws if file.random else 1):
             check_value(name, value)
-    for row in file.list or ({},):
-        times, stops = (
-            [x for x in _values_of(file, row, name) if isinstance(x, int | float)]
-            for name in ("exposure_s", "exposure_ev")
-        )
-        if not times or not stops:
-            continue
-        try:
-            Exposure(max(times) * 2.0 ** max(stops))
-        except InputError as error:
-            raise InputError(
-                f"exposure_s is {max(times):g} with exposure_ev {max(stops):g} on top: {error}"
-            ) from None
-
-
-def _values_of(file: DatasetFile, row: Config, name: str) -> Iterator[Value]:
-    """What something can be in the samples of a row."""
-    if name in row:
-        yield row[name]
-    elif file.random and name in file.random.values:
-        yield from ends(file.random.values[name], file.random.draws)
-    else:
-        yield from file.grid.get(name, ())
 
 
 def growth_refused(old: DatasetFile, new: DatasetFile) -> str:
@@ -258,18 +203,13 @@ def growth_refused(old: DatasetFile, new: DatasetFile) -> str:
     changed = []
     for name in DatasetFile.model_fields:
         before, now = getattr(old, name), getattr(new, name)
-        if before == now or name in NO_PIXELS:
-            continue
-        grows = False
+        grows = name in NO_PIXELS
         if name in ("scenes", "cameras", "list"):
-            grows = all(one in now for one in before) and bool(before)
-        elif name == "grid":
-            grows = before.keys() == now.keys()
-            grows = grows and all(
-                {*map(repr, before[x])} <= {*map(repr, now[x])} for x in before
-            )
+            grows = bool(before) and all(one in now for one in before)
+        elif name == "grid" and before.keys() == now.keys():
+            grows = all({*map(repr, before[x])} <= {*map(repr, now[x])} for x in before)
         elif name == "random" and before and now:
             grows = before.values == now.values and before.draws <= now.draws
-        if not grows:
+        if before != now and not grows:
             changed.append(f"[{name}]" if name in ("render", "splits") else name)
     return ", ".join(changed)

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent import futures
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from multiprocessing import connection, resource_tracker
 from pathlib import Path
@@ -35,6 +36,8 @@ MOST_TRIES = 3
 """Of a task whose process dies."""
 LOOKS_EVERY_S = 5.0
 """Between two looks at whether a scheduler still answers, where nothing comes from it."""
+ENDS_WITHIN_S = 1.0
+"""How long a stop waits for workers; one that is inside a kernel ends after it, and finishes nothing either."""
 MOST_LOG = 4000
 """Characters that are kept of what a process printed, from its end."""
 LOST = OSError, futures.CancelledError, asyncio.CancelledError
@@ -133,31 +136,26 @@ def outcomes(tasks: Iterable[Task], job: Job, options: RunOptions) -> Iterator[O
                 pool.check()
             for future in done:
                 task = running.pop(future)
-                died = _death(future)
+                why, may_live = _death(future)
                 tries[task.key] += 1
-                if died is None:
-                    yield Outcome(task, *future.result())
-                elif died.may_live and tries[task.key] < MOST_TRIES:
+                if may_live and tries[task.key] < MOST_TRIES:
                     running[pool.submit(task)] = task
-                else:
+                    continue
+                number = tries.pop(task.key)
+                times = f" {number} times" if may_live else ""
+                if why:
                     log = worker_log.end_of(job.log_path(task), MOST_LOG)
-                    said = worker_log.first_line(log) or died.why
-                    times = f" {tries[task.key]} times" if died.may_live else ""
+                    said = worker_log.first_line(log) or why
                     yield Outcome(task, f"its process died{times} ({said})", log)
-                if task not in running.values():
-                    del tries[task.key]
+                else:
+                    yield Outcome(task, *future.result())
 
 
-@dataclass(frozen=True)
-class _Death:
-    """Of a process.  may_live : whether another try may end better."""
+def _death(future: futures.Future[Ended]) -> tuple[str, bool]:
+    """Why the process of a task has died, empty if it has not, and whether another try may end better.
 
-    why: str
-    may_live: bool = True
-
-
-def _death(future: futures.Future[Ended]) -> _Death | None:
-    """Whether the process of a task has died. Raises InputError where a worker has not understood what it was given."""
+    Raises InputError where a worker has not understood what it was given.
+    """
     from pebble import ProcessExpired
 
     try:
@@ -165,15 +163,14 @@ def _death(future: futures.Future[Ended]) -> _Death | None:
     except LOST as lost:
         error = lost
     if error is None:
-        return None
+        return "", False
     if isinstance(error, TimeoutError):
-        return _Death("it took longer than --timeout-s", may_live=False)
-    if isinstance(error, ProcessExpired):
-        if error.exitcode == TOO_MUCH_MEMORY:
-            return _Death("it took more than --memory-gb", may_live=False)
-        return _Death("nothing was printed: a signal, or too little memory")
-    if type(error).__name__ == "KilledWorker":  # of Dask, which has tried it again itself
-        return _Death("nothing was printed: a signal, or too little memory", may_live=False)
+        return "it took longer than --timeout-s", False
+    if isinstance(error, ProcessExpired) and error.exitcode == TOO_MUCH_MEMORY:
+        return "it took more than --memory-gb", False
+    is_killed_worker = type(error).__name__ == "KilledWorker"  # Dask has tried it again itself
+    if isinstance(error, ProcessExpired) or is_killed_worker:
+        return "nothing was printed: a signal, or too little memory", not is_killed_worker
     if isinstance(error, InputError):
         raise error
     if isinstance(error, LOST):
@@ -185,30 +182,27 @@ def _death(future: futures.Future[Ended]) -> _Death | None:
 
 
 def _pool(job: Job, options: RunOptions) -> AbstractContextManager[Pool]:
-    limits = [name for name in ("timeout_s", "memory_gb") if options[name] is not None]
+    limit = next((x for x in ("timeout_s", "memory_gb") if options[x] is not None), "")
     if options["scheduler"] is not None:
-        if limits:
+        if limit:
             raise InputError(
-                f"{limits[0]} is for processes of this machine; give `dask worker` its own --memory-limit, or leave "
+                f"{limit} is for processes of this machine; give `dask worker` its own --memory-limit, or leave "
                 "--scheduler out."
             )
         return _cluster(job, options)
     if options["workers"] == 0:
-        if limits:
+        if limit:
             raise InputError(
-                f"{limits[0]} ends a process that makes samples, and workers is 0; give --workers 1 or more."
+                f"{limit} ends a process that makes samples, and workers is 0; give --workers 1 or more."
             )
-        return nullcontext(_this_process(replace(job, capture=False)))
+        return nullcontext(Pool(partial(_made_here, replace(job, capture=False)), lambda: 1))
     return _processes(job, options["workers"] or usual_workers(), options["timeout_s"])
 
 
-def _this_process(job: Job) -> Pool:
-    def submit(task: Task) -> futures.Future[Ended]:
-        future = futures.Future[Ended]()
-        future.set_result(run_task(job, task))
-        return future
-
-    return Pool(submit, lambda: 1)
+def _made_here(job: Job, task: Task) -> futures.Future[Ended]:
+    future = futures.Future[Ended]()
+    future.set_result(run_task(job, task))
+    return future
 
 
 @contextmanager
@@ -219,7 +213,7 @@ def _processes(job: Job, workers: int, timeout_s: float | None) -> Iterator[Pool
     context: Any = multiprocessing.get_context("spawn")
     if os.name == "posix":
         _begin_tracker()
-    with _without_main():
+    with _without_main(), undone_if_stopped(_end_workers):
         pool = ProcessPool(workers, initializer=_begin_worker, context=context)
         try:
             yield Pool(
@@ -229,6 +223,15 @@ def _processes(job: Job, workers: int, timeout_s: float | None) -> Iterator[Pool
         finally:
             pool.stop()  # type: ignore[no-untyped-call]
             pool.join()
+
+
+def _end_workers() -> None:
+    """Runs when the run is stopped: nothing is finished any more while what is complete is counted."""
+    workers = multiprocessing.active_children()
+    for worker in workers:
+        worker.terminate()
+    for worker in workers:
+        worker.join(ENDS_WITHIN_S / len(workers))
 
 
 def _begin_worker() -> None:
@@ -249,30 +252,26 @@ def _begin_worker() -> None:
 def _begin_tracker() -> None:
     """Begin what tidies up after processes. Whoever begins it takes Ctrl-C from then on, so it is not a worker's
     thread, whose processes would take it too; and a stop, which ends this process at once, is no reason to warn."""
-    before = os.environ.get("PYTHONWARNINGS")
+    before = os.environ.get("PYTHONWARNINGS", "")
     silent = "ignore::UserWarning:multiprocessing.resource_tracker"
-    os.environ["PYTHONWARNINGS"] = f"{before},{silent}" if before else silent
+    os.environ["PYTHONWARNINGS"] = f"{before},{silent}".lstrip(",")
     try:
         with signals_held():
             resource_tracker.ensure_running()
     finally:
-        del os.environ["PYTHONWARNINGS"]
-        if before:
-            os.environ["PYTHONWARNINGS"] = before
+        os.environ["PYTHONWARNINGS"] = before
 
 
 @contextmanager
 def _without_main() -> Iterator[None]:
     """Processes that begin meanwhile do not run the main script again, which may have no guard, or no file."""
-    main = sys.modules["__main__"]
-    known: Facts = {
-        name: vars(main).pop(name) for name in ("__file__", "__spec__") if name in vars(main)
-    }
-    main.__spec__ = None
+    main = vars(sys.modules["__main__"])
+    known: Facts = {name: main.pop(name) for name in ("__file__", "__spec__") if name in main}
+    main["__spec__"] = None
     try:
         yield
     finally:
-        vars(main).update(known)
+        main.update(known)
 
 
 @contextmanager
@@ -333,8 +332,6 @@ def _in_worker(versions: Config, job: Job, task: Task) -> Ended:
 
 def usual_workers() -> int:
     """Processes that a machine can feed: a render uses all its cores, and while it writes another one renders."""
-    if hasattr(os, "sched_getaffinity"):
-        cores = len(os.sched_getaffinity(0))
-    else:
-        cores = os.cpu_count() or 1
-    return 2 if cores > 1 else 1
+    has_affinity = hasattr(os, "sched_getaffinity")
+    cores = len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1
+    return min(cores, 2)

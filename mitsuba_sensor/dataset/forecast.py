@@ -5,21 +5,17 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from statistics import fmean
 from tempfile import TemporaryDirectory
 
 from ..core import InputError
 from ..render.variants import restores_variant
 from .checks import Counts
-from .make import Rendered, contents_of
+from .make import Rendered, contents_of, is_timed
 from .plan import DatasetPlan, Task
-from .task_render import is_timed
 
 RATIO_EXPONENT = 0.75  # of samples, by which the noise ratio of denoised light falls
 
 SHORT_SPP = 32
-MOST_SAMPLES = 3
-"""Of the task that is measured: the first one, which compiles, and two more."""
 START_S = 5.0
 """Until the processes of a run have loaded Mitsuba and compiled their first scene."""
 
@@ -53,32 +49,31 @@ def forecast(plan: DatasetPlan, counts: Counts) -> Forecast:
 
 
 def _measured(task: Task, counts: Counts) -> Forecast:
-    """Of a short render, or of a whole one where the time of exposure decides it, and of some samples."""
+    """Of a short render, or of a whole one where the time of exposure decides it, and of its first sample."""
     spp = task.config["render"]["spp"]
-    whole = not spp or is_timed(task)
-    if not whole:
+    is_whole = not spp or is_timed(task)
+    if not is_whole:
         render = {**task.config["render"], "spp": min(spp, SHORT_SPP)}
         task = replace(task, config={**task.config, "render": render})
-        Rendered.of(task)  # compiles
+        Rendered(task)  # compiles
     started = time.monotonic()
-    rendered = Rendered.of(task)
+    rendered = Rendered(task)
     render_s, statistics = time.monotonic() - started, rendered.light.statistics
     noise_ratio = statistics.noise_ratio_median
-    if not whole:
+    if not is_whole:
         render_s += rendered.seconds_per_sample * (spp - statistics.samples_per_pixel)
         noise_ratio *= (statistics.samples_per_pixel / spp) ** RATIO_EXPONENT
-    took, sizes, light_bytes = list[float](), list[int](), 0
+    light_bytes = 0
     with TemporaryDirectory() as scratch:
         folder = Path(scratch)
         if task.outputs:
             files = contents_of(folder, rendered.files_of_light(folder))
             light_bytes = sum(map(len, files.values()))
-        for sample in (task.samples[0], *task.samples[:MOST_SAMPLES]):
+        for sample in (task.samples[0], task.samples[-1]):  # the first one compiles
             started = time.monotonic()
             files = contents_of(folder, rendered.files_of(sample, folder))
-            took.append(time.monotonic() - started)
-            sizes.append(sum(map(len, files.values())))
-    sample_s, sample_bytes = fmean(took[1:]), round(fmean(sizes[1:]))
+            sample_s = time.monotonic() - started
+    sample_bytes = sum(map(len, files.values()))
     seconds = START_S + counts.tasks * render_s + counts.samples * sample_s
     size = counts.tasks * light_bytes + counts.samples * sample_bytes
     return Forecast(task.scene, render_s, sample_s, sample_bytes, noise_ratio, seconds, size)

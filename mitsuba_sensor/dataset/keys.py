@@ -1,10 +1,12 @@
-"""Keys: the hash of a configuration, which is the name of a sample or view on disk."""
+"""Keys: the hash of a configuration, which is the name of a sample or light on disk."""
 
 from __future__ import annotations
 
 import hashlib
-import json
+import math
 from collections.abc import Mapping
+from functools import cached_property
+from json.encoder import encode_basestring
 from typing import Any, TypeAlias
 
 from .. import __version__
@@ -15,38 +17,47 @@ Config: TypeAlias = Mapping[str, Any]
 Facts: TypeAlias = dict[str, Any]
 
 LARGEST_WHOLE = 2.0**53  # of which a float64 holds every whole number
-_AS_THEY_ARE = {str, int, bool, type(None)}
 DIGITS = 24  # hexadecimal: 96 bits, so that no two of 10^9 samples have the same
 
 
-_STRICT = json.JSONEncoder(
-    sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
-)
+class Fixed(Facts):
+    """Plain values that many configurations share and nobody changes: their canonical text is made once."""
+
+    @cached_property
+    def text(self) -> str:
+        """See :func:`canonical`."""
+        return canonical({**self})
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """For other processes: without the text."""
+        return Fixed, ({**self},)
 
 
-def canonical(config: Config) -> str:
-    """Strict JSON of plain values with sorted keys and no spaces: equal configurations, equal text; 1.0 is 1."""
-    return _STRICT.encode(_plain(config))
+def canonical(value: Any) -> str:
+    """Strict JSON of plain values with sorted keys and no spaces: equal configurations have equal text.
 
-
-def _plain(value: object) -> object:
-    """The same with floats that are whole numbers as integers; −0.0 is 0.
-
-    Each sample has three such texts: most of what a plan takes. So the usual types are asked for before any other.
+    Floats that are whole numbers are integers, so 1.0 is 1 and −0.0 is 0.  Raises ValueError for other values.
     """
-    if type(value) in _AS_THEY_ARE:
-        return value
-    if isinstance(value, dict | Mapping):
-        found = dict(value)
-        for name, one in found.items():
-            if type(one) not in _AS_THEY_ARE:
-                found[name] = _plain(one)
-        return found
-    if isinstance(value, float) and value.is_integer() and abs(value) < LARGEST_WHOLE:
-        return int(value)
+    kind = type(value)  # of a million samples this takes most of the time: usual types first
+    if kind is str:
+        return encode_basestring(value)
+    if kind is int:
+        return int.__repr__(value)
+    if isinstance(value, float) and math.isfinite(value):
+        is_whole = value.is_integer() and abs(value) < LARGEST_WHOLE
+        return str(int(value)) if is_whole else float.__repr__(value)
+    if isinstance(value, Fixed):
+        return value.text
+    if isinstance(value, dict):
+        parts = [
+            f"{encode_basestring(name)}:{canonical(value[name])}" for name in sorted(value)
+        ]
+        return f"{{{','.join(parts)}}}"
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    return value
+        return f"[{','.join(map(canonical, value))}]"
+    if value is None or kind is bool:
+        return {None: "null", True: "true", False: "false"}[value]
+    raise ValueError(f"{value!r:.100} is no plain value")
 
 
 def key_of(config: Config) -> str:
@@ -57,12 +68,6 @@ def key_of(config: Config) -> str:
 def key_of_text(text: str) -> str:
     """The same of a canonical text."""
     return hashlib.sha256(text.encode()).hexdigest()[:DIGITS]
-
-
-def identity(config: Config, camera_key: str | None = None) -> str:
-    """The key of what decides the pixels of a sample, whatever its files.  camera_key : of its datasheet, if known."""
-    own = {name: value for name, value in config.items() if name != "outputs"}
-    return key_of({**own, "camera": camera_key or key_of(config["camera"])})
 
 
 def made_by() -> dict[str, str | None]:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property, lru_cache
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from ..camera.exposure_times import later_exposures
-from ..core import Exposure, Float64Array, InputError
+from ..core import Float64Array, InputError
 from ..core.options import used
-from ..files.scene_references import scene_references
+from ..files.scene_references import files_digest, references_of
 from ..files.sensor_names import ALL_SENSORS
 from ..files.shipped_scenes import (
     MOTION,
@@ -27,69 +26,67 @@ from ..render.scene.motion import KeyPose, Motion, read_motion
 from ..render.scene.parse_scene import parse_sensors, pose_in_file_m, refuse_one_place
 from ..render.scene.parsed_scene import ParsedScene
 from ..render.variants import fastest_variant, restores_variant
-from .cameras import Folders, VariedCamera, of_light
-from .file import OF_SCENE, DatasetFile
-from .keys import Config, Facts, seed_of
-from .scene_entry import SceneEntry
+from .cameras import Folders, VariedCamera
+from .file import DatasetFile, SceneEntry
+from .keys import Config, Facts, Fixed, seed_of
 from .sweep import SENSOR, Combination, of_kind
-from .values import text_of
+from .values import OF_SCENE, text_of
 
 FORMAT = 4  # of configurations; another one is other keys, and with them other seeds
 SAMPLES = ("spp", "noise_ratio", "max_spp")  # options that say how many samples a render takes
 SPP = 128  # of a render that is told nothing of them
 PASSED_BY = ("gain", "luminance")  # options of a render that are none of its light
-MOST_DIGESTS = 4096
+RIGS_KEPT = 4096
 
 
 class Lights:
     """Describes the light of samples. Raises InputError."""
 
     def __init__(self, file: DatasetFile, folders: Folders) -> None:
-        self.file, self.folders, self.roots = file, folders, folders.roots
+        self.file, self.folders = file, folders
         self.places = [self._place(scene) for scene in file.scenes]
-        self._motion_files = [self._motion_file(scene) for scene in file.scenes]
-        self._motions = [self._motion(number) for number in range(len(file.scenes))]
-        self._lenses = dict[str, Facts]()
-        self._references = lru_cache(MOST_DIGESTS)(self._references_of)
-        self._digest = lru_cache(MOST_DIGESTS)(self._digest_of)
-        self._rigs = lru_cache(MOST_DIGESTS)(self._rig_of)
+        self._motions = [self._motion(scene) for scene in file.scenes]
+        self._is_moving = [motion != Motion() for motion in self._motions]
+        self._motion_facts = [Fixed(one.model_dump(mode="json")) for one in self._motions]
+        self._digests: list[dict[tuple[str, ...], dict[object, str]]] = [
+            {} for _ in file.scenes
+        ]
+        self._rigs = lru_cache(RIGS_KEPT)(self._rig_of)
+        self.options = self._options()
 
-    @cached_property
-    def options(self) -> Facts:
+    def _options(self) -> Fixed:
         """Options of every render that decide its light."""
         render = dict(self.file.render)
         if render.keys().isdisjoint(SAMPLES):
             render["spp"] = SPP
-        return {
-            k: v
-            for k, v in used(RenderOptions, render).items()
-            if k not in (*OF_SCENE, *PASSED_BY) and (k, v) != ("start_s", 0.0)
-        }
+        options = used(RenderOptions, render).items()
+        of_light = {k: v for k, v in options if k not in (*OF_SCENE, *PASSED_BY)}
+        if of_light.get("start_s") == 0:
+            del of_light["start_s"]
+        return Fixed(of_light)
 
     def sensors(self, scene: int) -> tuple[str, ...]:
         """Names of the sensors of a scene that take pictures; none where it is the first one alone."""
-        entry = self.file.scenes[scene]
-        if entry.sensors is None:
+        if self.file.scenes[scene].sensors is None:
             return ()
-        parameters = {name: text_of(value) for name, value in entry.parameters.items()}
-        return self._rigs(scene, tuple(parameters.items())).names
+        return self._rigs(scene, tuple(self._parameters(scene, {}).items())).names
 
     def rig(self, one: Combination) -> Rig:
         """The sensors of the scene of a sample that has one by name."""
-        return self._rigs(one.scene, tuple(self._parameters(one).items()))
+        return self._rigs(one.scene, tuple(self._parameters(one.scene, one.values).items()))
 
     def described(self, one: Combination, camera: VariedCamera, exposure: Config) -> Facts:
         """All that decides the light of a sample, ready for JSON."""
-        entry, parameters = self.file.scenes[one.scene], self._parameters(one)
-        motion, options = self._motions[one.scene], self.options
+        entry, parameters = self.file.scenes[one.scene], self._parameters(one.scene, one.values)
+        is_moving = self._is_moving[one.scene]
         light: Facts = {
             "format": FORMAT,
-            "scene": self._digest(one.scene, tuple(parameters.items())),
+            "scene": self._digest(one.scene, parameters),
             "parameters": parameters,
             "traverse": {**entry.traverse, **of_kind("traverse", one.values)},
             "look_at": None if one.pose is None else one.pose.pose,
-            "render": options,
-            "lens": self._lens_of(camera),
+            "render": self.options,
+            "lens": camera.light,
             "dataset_seed": self.file.seed,
         }
         for name in ("scene_unit", "integrator", "ignore_polarization"):
@@ -100,56 +97,37 @@ class Lights:
             light[SENSOR] = sensor
             if light["look_at"] is not None:
                 light["look_at"] = self.rig(one).pose_of(sensor, light["look_at"])
-        of_camera = exposure["time_s"] in ("auto", None)  # metered
-        of_camera |= bool(later_exposures(camera.camera, Exposure(1.0)))
-        if motion != Motion():
-            light |= {"motion": motion.model_dump(mode="json"), "exposure": dict(exposure)}
-        if options["noise_ratio"] or (motion != Motion() and of_camera):
+        is_of_camera = exposure["time_s"] in ("auto", None) or camera.is_staggered  # metered
+        if is_moving:
+            light |= {"motion": self._motion_facts[one.scene], "exposure": exposure}
+        if self.options["noise_ratio"] or (is_moving and is_of_camera):
             noisy = {"camera": camera.datasheet, "gain": camera.gain}
-            light |= {**noisy, "exposure": dict(exposure)}
+            light |= {**noisy, "exposure": exposure}
         return light
 
-    def files(self, one: Combination) -> Iterator[tuple[Path, str]]:
-        """All files that the light of a sample is rendered from but for the camera's, and what each is of."""
-        scene = self.file.scenes[one.scene].name
-        for path in self._references(one.scene, tuple(self._parameters(one).items())):
-            yield path, f"scene {scene}"
-        if (motion := self._motion_files[one.scene]) is not None:
-            yield motion, f"scene {scene}"
-
-    def _parameters(self, one: Combination) -> dict[str, str]:
+    def _parameters(self, scene: int, values: Config) -> dict[str, str]:
         """Values of the <default> names of a scene."""
-        fixed = self.file.scenes[one.scene].parameters
-        values = {**fixed, **of_kind("parameters", one.values)}
-        return {name: text_of(value) for name, value in values.items()}
-
-    def _lens_of(self, camera: VariedCamera) -> Facts:
-        """What of a camera decides the light."""
-        if camera.key not in self._lenses:
-            if len(self._lenses) > MOST_DIGESTS:
-                self._lenses.clear()
-            cube = self.options["spectral"] == "cube"
-            self._lenses[camera.key] = of_light(camera.camera, cube)
-        return self._lenses[camera.key]
+        given = {**self.file.scenes[scene].parameters, **of_kind("parameters", values)}
+        return {name: text_of(value) for name, value in given.items()}
 
     def _rig_of(self, scene: int, parameters: tuple[tuple[str, str], ...]) -> Rig:
         entry, motion = self.file.scenes[scene], self._motions[scene]
         return rig_of(entry, self.places[scene], dict(parameters), motion)
 
-    def _digest_of(self, scene: int, parameters: tuple[tuple[str, str], ...]) -> str:
-        folders = self.folders._replace(roots=self._roots_of(scene))
-        return folders.digest(self._references(scene, parameters), self.places[scene].parent)
-
-    def _references_of(
-        self, scene: int, parameters: tuple[tuple[str, str], ...]
-    ) -> Sequence[Path]:
-        roots = self._roots_of(scene) if self.folders.untrusted else None
-        return scene_references(self.places[scene], dict(parameters), roots)
-
-    def _roots_of(self, scene: int) -> Sequence[Path]:
-        if shipped_file(self.file.scenes[scene].file, SCENE, self.roots):
-            return [scenes_folder(), *self.roots]
-        return self.roots
+    def _digest(self, scene: int, parameters: Mapping[str, str]) -> str:
+        """SHA-256 over all files of a scene. Only parameters that stand in names of files may change it."""
+        for names, digests in self._digests[scene].items():
+            if known := digests.get((*map(parameters.get, names),)):
+                return known
+        place, roots = self.places[scene], self.folders.roots
+        if shipped_file(self.file.scenes[scene].file, SCENE, roots):
+            roots = [scenes_folder(), *roots]
+        is_untrusted = self.folders.untrusted
+        files, used = references_of(place, parameters, roots if is_untrusted else None)
+        digest = files_digest(files, roots, None if is_untrusted else place.parent)
+        names = (*sorted(used),)
+        self._digests[scene].setdefault(names, {})[(*map(parameters.get, names),)] = digest
+        return digest
 
     def _place(self, entry: SceneEntry) -> Path:
         try:
@@ -160,24 +138,20 @@ class Lights:
             also = f"or give {names_of_scenes(entry.file)}"
             raise InputError(f"{str(error).removesuffix('.')}; {also}") from None
 
-    def _motion_file(self, entry: SceneEntry) -> Path | None:
+    def _motion(self, entry: SceneEntry) -> Motion:
         if isinstance(entry.motion, str):
-            return self._find(entry.motion, MOTION, f"the motion of scene {entry.name}")
-        return None
-
-    def _motion(self, scene: int) -> Motion:
-        return read_motion(self._motion_files[scene] or self.file.scenes[scene].motion)
+            what = f"the motion of scene {entry.name}"
+            return read_motion(self._find(entry.motion, MOTION, what))
+        return read_motion(entry.motion)
 
     def _find(self, name: str, end: str, what: str) -> Path:
         """A file below the roots, else one that ships with the package."""
-        return shipped_file(name, end, self.roots) or self.folders.find(name, what)
+        return shipped_file(name, end, self.folders.roots) or self.folders.find(name, what)
 
 
 def exposure_asked(values: Config) -> Facts:
     """Time [s], "auto" or None for the scene's own; stops on top; temperature [K] or None."""
-    time_s, stops, kelvin = (
-        values.get(name) for name in ("exposure_s", "exposure_ev", "temperature_k")
-    )
+    time_s, stops, kelvin = map(values.get, ("exposure_s", "exposure_ev", "temperature_k"))
     return {"time_s": time_s, "ev": stops or 0, "temperature_k": kelvin}
 
 

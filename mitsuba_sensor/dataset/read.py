@@ -10,11 +10,11 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Annotated, Any, Self, overload
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ..camera.camera_file import camera_from
 from ..core import InputError, nearest
@@ -26,10 +26,10 @@ from ..files.texts import json_object
 from ..files.tiff import READOUTS, read_readouts
 from ..output.exr import read_aovs_exr
 from ..output.preview import preview
-from .facts import SampleFacts
 from .keys import Config, Facts
-from .store import Store
-from .table import Line, Table
+from .store import Row, Store
+from .table import Table
+from .values import PICTURE, stops_taken
 
 if TYPE_CHECKING:
     from ..camera.camera import Camera
@@ -46,20 +46,111 @@ IMAGES = {
 """Array → its file."""
 PAGES = ("raw", "companded")
 """Images with a page for every frame."""
-PICTURE, AOVS_FILE, FACTS, BUDGET = "frame.png", "aovs.exr", "sample.json", "noise_budget.json"
+AOVS_FILE, FACTS, BUDGET = "aovs.exr", "sample.json", "noise_budget.json"
 AOVS = ("depth_m", "position_m", "normal", "albedo", "shape_index", "flow_px")
 SHORT_NAMES = {"depth": "depth_m", "position": "position_m", "flow": "flow_px"}
-NO_ARRAYS = {
-    "noise_budget": "sample.noise_budget",
-    "readouts": "sample.readouts",
-    "aovs": "sample.read(name), by the name of one of them, e.g. 'depth',",
-    "irradiance": 'ms.read_irradiance of the file sample.opened("irradiance.exr")',
-    "dng": 'the file sample.files["frame.dng"]',
-}
-"""Outputs that are not read as arrays → what has them."""
 SAMPLES_KEPT = 4
 """Contents of samples and lights that are kept, those read last."""
 KEY_DIGITS_MIN = 4
+
+
+class _Foreign(BaseModel):
+    """A part of sample.json that anybody may have written; other entries of it are passed over."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+class _Image(_Foreign):
+    columns: int
+    rows: int
+    frames: int
+    exposure_s: float
+    temperature_k: float
+    black_level_dn: float
+    white_level_dn: float
+    origin: tuple[int, int]
+
+
+class _Exposure(_Foreign):
+    ev: float
+
+
+class _Pixel(_Foreign):
+    pitch_x_um: float
+
+
+class _Camera(_Foreign):
+    pixel: _Pixel
+
+
+class _Config(_Foreign):
+    camera: _Camera
+    gain: str | float | None
+    exposure: _Exposure
+
+
+class _View(_Foreign):
+    key: str
+    scene: str
+    config: dict[str, Any]
+
+
+class _Metering(_Foreign):
+    exposure_s: float
+
+
+class _Heights(_Foreign):
+    ideal: list[float]
+    real: list[float]
+
+
+_Row = tuple[float, float, float]
+
+
+class _Intrinsics(_Foreign):
+    matrix: tuple[_Row, _Row, _Row] | None
+    image_size: tuple[int, int]
+    distortion: tuple[float, float, float, float, float] | None
+    heights_mm: _Heights | None
+
+    @model_validator(mode="after")
+    def _has_a_lens(self) -> Self:
+        if self.matrix and not self.distortion and not self.heights_mm:
+            raise ValueError("neither distortion nor heights_mm")
+        return self
+
+
+class _Light(_Foreign):
+    noise_ratio_median: float | None
+    metering: _Metering | None
+    intrinsics: _Intrinsics
+    camera_to_world: list[list[float]] | None
+
+
+class _Readout(_Foreign):
+    name: str
+    overall_system_gain_dn_per_e: float
+    black_level_dn: float
+    white_level_dn: float
+
+
+Quantiles = Annotated[list[float], Field(min_length=5, max_length=5)]
+
+
+class SampleFacts(_Foreign):
+    """What readers need of sample.json."""
+
+    key: str
+    camera: str
+    image: _Image
+    config: _Config
+    view: _View
+    light: _Light
+    readouts: list[_Readout] | None
+    system_gain_dn_per_e: float
+    digital_quantiles_dn: Quantiles
+    electrons_quantiles_e: Quantiles
+    versions: dict[str, str | None]
 
 
 @lru_cache(SAMPLES_KEPT)
@@ -75,7 +166,7 @@ class Sample:
     """
 
     store: Store
-    line: Line
+    line: Row
 
     def __repr__(self) -> str:
         """``<Sample 0f3a…: flat, sony_imx174, exposure_s 0.01, serial 3; train>``."""
@@ -142,23 +233,10 @@ class Sample:
         """Where a file is, for messages."""
         return f"{self.store.shards / self.line.shard} ({self.key}): {name}"
 
-    @cached_property
+    @property
     def facts(self) -> Facts:
         """sample.json: configuration, camera, seeds, black and white level, quantiles. Raises InputError."""
-        return self.facts_once()
-
-    def facts_once(self) -> Facts:
-        """The same, not kept: that of a million samples is too much."""
-        found = self._json(FACTS)
-        try:
-            SampleFacts.model_validate(found)
-        except ValidationError as error:
-            fault = error.errors()[0]
-            where = ".".join(map(str, fault["loc"]))
-            raise InputError(
-                f"{self.place(FACTS)} is not as a run writes it: {where}: {fault['msg']}; run the dataset again."
-            ) from None
-        return found
+        return _facts(self.content(FACTS), self.place(FACTS))
 
     @cached_property
     def view(self) -> Facts:
@@ -198,8 +276,6 @@ class Sample:
             return np.asarray(getattr(self.aovs(name), name))
         if name == "preview":
             return self._preview()
-        if name in NO_ARRAYS:
-            raise InputError(f"{name} of a sample is no array; {NO_ARRAYS[name]} has it.")
         if name not in IMAGES:
             known = (*IMAGES, "preview", *AOVS)
             raise InputError(
@@ -232,16 +308,26 @@ class Sample:
         )
 
 
+@lru_cache(SAMPLES_KEPT)
+def _facts(content: bytes, place: str) -> Facts:
+    """Contents of a sample.json, which readers need; those read last are kept."""
+    found = json_object(content, place, "run the dataset again")
+    try:
+        SampleFacts.model_validate(found)
+    except ValidationError as error:
+        fault = error.errors()[0]
+        where = ".".join(map(str, fault["loc"]))
+        raise InputError(
+            f"{place} is not as a run writes it: {where}: {fault['msg']}; run the dataset again."
+        ) from None
+    return found
+
+
 @lru_cache(1)
 def _aovs(content: bytes, place: str) -> Aovs:
     """The AOVs of the light that was read last."""
     with temporary_copy(AOVS_FILE, content, place) as path:
         return read_aovs_exr(path)
-
-
-def stops_taken(stops: float) -> float:
-    """By which factor a preview is brighter for the stops that an exposure takes away."""
-    return float(2.0 ** max(-stops, 0.0))
 
 
 class Dataset(Sequence[Sample]):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
+from array import array
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import TypeAlias, Unpack
 
@@ -25,8 +26,8 @@ from .engine import Job, Outcome, outcomes
 from .file import read_dataset_text
 from .keys import Facts
 from .options import RunOptions
-from .plan import DatasetPlan, Task, load_plan
-from .store import Shard, Store
+from .plan import DatasetPlan, Place, Task, load_plan
+from .store import Store
 from .table import Table, open_table
 
 FAILED = "failed.jsonl"
@@ -34,8 +35,6 @@ MOST_FAILED_BYTES = 2**26
 TABLE_EVERY_S = 300.0
 """Between two tables that are written while samples are made, and at least so many times what one takes:"""
 TABLE_SHARE = 20
-OLD_RECORD = "record.json"
-"""Which folders of datasets had until format 4."""
 NEW_FOLDER = "give a new folder"
 
 
@@ -49,6 +48,10 @@ class Failure(BaseModel):
     first: Facts
     why: str
     log: str = ""
+
+    def line(self) -> bytes:
+        """As it stands in the file."""
+        return self.model_dump_json().encode() + b"\n"
 
 
 @dataclass
@@ -161,6 +164,7 @@ class _Run:
         self.progress = RunProgress(0)
         self.finished = store.finished()
         self.samples_of = dict[str, int]()  # task that is there → how many
+        self._incomplete = array("Q")  # places of lights that miss a task, one after the other
         self._table_s, self._table_took_s = time.monotonic(), 0.0
         remark_if_stopped(self._said_when_stopped)
 
@@ -177,8 +181,8 @@ class _Run:
             check_scenes(plan)  # before anything is written
             store.clean()
         record = plan.record(counts.samples)
+        self._put_outdated_aside()
         store.write_record(record)
-        self._put_aside([x for key, x in self.finished.items() if key not in self.samples_of])
         failures = read_failures(store)
         job = Job(str(store.folder), record, self.chosen["memory_gb"])
         self.show(progress)
@@ -186,40 +190,61 @@ class _Run:
             self._note(outcome)
             self.show(progress)
             self._table_in_between()
-        self._rewrite_failures(failures)
+        self._rewrite_failures()
         self._finish(counts.samples)
         return progress
 
-    def _is_ours(self, number: int) -> bool:
-        """Whether a task is of this part of the dataset.  number : of the task, from 0."""
+    def _is_ours(self, task: Task) -> bool:
+        """Whether a task is of this part of the dataset."""
         part, parts = self.chosen["shard"] or (1, 1)
-        return number % parts == part - 1
+        return task.number % parts == part - 1
 
-    def _count(self, number: int, task: Task) -> None:
+    def _count(self, task: Task) -> None:
         """Called with each task, before anything is made."""
-        is_there = task.key in self.finished
+        is_there, is_ours, samples = (
+            task.key in self.finished,
+            self._is_ours(task),
+            len(task.samples),
+        )
         if is_there:
-            self.samples_of[task.key] = len(task.samples)
-        if self._is_ours(number):
-            self.progress.samples += len(task.samples)
-            self.progress.there += is_there * len(task.samples)
+            self.samples_of[task.key] = samples
+        elif is_ours and self._incomplete[-len(task.place) :].tolist() != [*task.place]:
+            self._incomplete.extend(task.place)
+        self.progress.samples += is_ours * samples
+        self.progress.there += is_ours * is_there * samples
 
-    def _put_aside(self, shards: Sequence[Shard]) -> None:
-        """Move the shards away that an earlier text of the dataset file has, and this one not."""
-        for shard in shards:
-            self.store.put_aside(shard)
-        if shards:
-            several = f"{len(shards)} shard{'s' * (len(shards) != 1)}"
-            self.progress.remarks.append(
-                f"moved {several} to {self.store.folder / 'earlier'}, because the dataset file no longer has their "
-                "samples or splits; nothing reads that folder, so remove it to save space."
+    def _put_outdated_aside(self) -> None:
+        """Move the shards away that an earlier text of the dataset file has, and this one not. Raises InputError where
+        the text is the same."""
+        store = self.store  # which another run may have tidied meanwhile
+        outdated = [
+            shard
+            for key, shard in store.finished().items()
+            if key in self.finished and key not in self.samples_of
+        ]
+        if not outdated:
+            return
+        record = store.record()
+        if record is not None and record.text == self.plan.text:
+            scene = store.rows(outdated[0])[0].values.get("scene")
+            raise InputError(
+                f"{store.folder} was made from another scene {scene!r}, or other cameras: a file that the dataset file "
+                f"names has changed; restore it, or {NEW_FOLDER}."
             )
+        for shard in outdated:
+            store.put_aside(shard)
+        several = f"{len(outdated)} shard{'s' * (len(outdated) != 1)}"
+        self.progress.remarks.append(
+            f"moved {several} to {store.folder / 'earlier'}, because the dataset file no longer has their samples or "
+            "splits; nothing reads that folder, so remove it to save space."
+        )
 
     def _missing(self, failures: dict[str, Failure]) -> Iterator[Task]:
         """Tasks that are to be made."""
         self.progress.now = "rendering"
-        for number, task in enumerate(self.plan.tasks()):
-            if not self._is_ours(number) or task.key in self.samples_of:
+        places = zip(*[iter(self._incomplete)] * len(Place._fields), strict=True)
+        for task in chain.from_iterable(map(self.plan.tasks_at, map(Place._make, places))):
+            if not self._is_ours(task) or task.key in self.samples_of:
                 continue
             if task.key in failures and not self.chosen["retry"]:
                 self.progress.failed.append(failures[task.key])
@@ -235,18 +260,16 @@ class _Run:
             self.samples_of[task.key] = len(task.samples)
             self.progress.made += len(task.samples)
             return
-        first = min(task.samples, key=lambda sample: sample.number)
         failure = Failure(
             task=task.key,
             scene=task.scene,
             samples=len(task.samples),
-            first=dict(first.values),
+            first=dict(min(task.samples).values),
             why=outcome.failed,
             log=outcome.log,
         )
         self.progress.failed.append(failure)
-        line = failure.model_dump_json().encode() + b"\n"
-        durable.append_lasting(self.store.folder / FAILED, line)
+        durable.append_lasting(self.store.folder / FAILED, failure.line())
 
     def _table_in_between(self) -> None:
         """Write the table now and then, for those who look at what is there."""
@@ -257,26 +280,28 @@ class _Run:
             self._table_s = time.monotonic()
             self._table_took_s = self._table_s - began
 
-    def _rewrite_failures(self, before: dict[str, Failure]) -> None:
+    def _rewrite_failures(self) -> None:
         """Leave only those in FAILED that are still missing, each once."""
-        known = read_failures(self.store)
-        left = {key: x for key, x in known.items() if key not in self.samples_of}
-        if left.keys() != before.keys() or any(left[key] != before[key] for key in left):
-            lines = [failure.model_dump_json().encode() + b"\n" for failure in left.values()]
-            durable.write_lasting(self.store.folder / FAILED, lines)
+        path = self.store.folder / FAILED
+        left = [x for x in read_failures(self.store).values() if x.task not in self.samples_of]
+        content = b"".join(failure.line() for failure in left)
         if not left:
-            durable.remove_file(self.store.folder / FAILED)
+            durable.remove_file(path)
+        elif content != durable.read_small(path, MOST_FAILED_BYTES):
+            durable.write_lasting(path, [content])
 
     def _finish(self, planned: int) -> None:
         """Write the table, and what people read."""
-        from .overview import write_overview
+        from . import card
 
-        table = Table(self.store)
-        overview = write_overview(
-            self.store, self.plan.file, table, planned, len(self.progress.failed)
-        )
-        self.progress.render_noise = overview.render_noise
-        self.progress.remarks += overview.remarks
+        table, failed = Table(self.store), len(self.progress.failed)
+        try:
+            self.progress.render_noise = card.write_overview(
+                self.store, self.plan.file, table, planned, failed
+            )
+        except (InputError, OSError) as error:  # all samples are there: the run has not failed
+            what = f"{card.CARD}, {card.SHEET} or {card.TABLE} in {self.store.folder}"
+            self.progress.remarks.append(f"{what} was not written: {error}")
 
     def _said_when_stopped(self) -> str:
         """How many samples are on the disk, whoever made them, also those of which this process has not heard yet."""
@@ -291,10 +316,6 @@ def check_same(plan: DatasetPlan, store: Store) -> None:
     """Raise InputError where a folder has another dataset than the plan, or one of other versions or files."""
     folder, record = store.folder, store.record()
     if record is None:
-        if (folder / OLD_RECORD).is_file():
-            raise InputError(
-                f"{folder} holds a dataset of an earlier format, of folders and pieces; {NEW_FOLDER}."
-            )
         return
     for name, version in plan.made_by.items():
         if (before := record.made_by.get(name)) != version:
@@ -310,24 +331,13 @@ def check_same(plan: DatasetPlan, store: Store) -> None:
             f"{folder} was made from another dataset file: {changed} differ, and a dataset can only gain scenes, "
             f"cameras, rows, values of [grid] and draws; restore the file, or {NEW_FOLDER}."
         )
-    changed_files = [
-        name
-        for name, digest in record.sources.items()
-        if plan.sources.get(name, digest) != digest
-    ]
-    if changed_files and store.finished():
-        raise InputError(
-            f"{folder} was made from another {changed_files[0]} than there is now; restore the file, or {NEW_FOLDER}."
-        )
 
 
 def read_failures(store: Store) -> dict[str, Failure]:
     """Task → why it could not be made, the latest line of each; lines that are none are passed over."""
     found = dict[str, Failure]()
     for line in durable.read_small(store.folder / FAILED, MOST_FAILED_BYTES).splitlines():
-        try:
-            failure = Failure(**json.loads(line))
-        except (ValidationError, ValueError, TypeError, RecursionError):
-            continue
-        found[failure.task] = failure
+        with suppress(ValidationError):
+            failure = Failure.model_validate_json(line)
+            found[failure.task] = failure
     return found

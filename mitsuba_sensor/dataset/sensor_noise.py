@@ -3,7 +3,7 @@
 # Without `from __future__ import annotations`: core/options.py reads the declarations of options at run time.
 import math
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any, Literal, TypeAlias, TypedDict, Unpack
@@ -41,21 +41,22 @@ ONE_THREAD = threading.Lock()
 """Dr.Jit compiles and runs for one thread at a time."""
 
 
-def _pair(name: str, value: Any, low: float, high: float) -> tuple[Any, Any]:
-    """(lowest, highest) of one number or two. Raises InputError."""
-    ends = tuple(value) if isinstance(value, list | tuple) else (value, value)
-    for end in ends:
-        require(name, end, low, high, "or two: (lowest, highest)")
-    if len(ends) != 2 or ends[0] > ends[1]:
-        raise InputError(
-            f"{name} is {shown(value)}; it must be one number, or (lowest, highest)."
-        )
-    return ends
+def _range(low: float, high: float, is_seed: bool = False) -> Callable[[str, Any], Any]:
+    """Check of one number or two, whose value is (lowest, highest)."""
 
+    def checked(name: str, value: Any) -> tuple[Any, Any]:
+        ends = tuple(value) if isinstance(value, list | tuple) else (value, value)
+        for end in ends:
+            require(name, end, low, high, "or two: (lowest, highest)")
+            if is_seed:
+                require_seed(name, end)
+        if len(ends) != 2 or ends[0] > ends[1]:
+            raise InputError(
+                f"{name} is {shown(value)}; it must be one number, or (lowest, highest)."
+            )
+        return ends
 
-def _serials(name: str, value: Any) -> tuple[Any, Any]:
-    ends = _pair(name, value, 1, SERIAL_MAX)
-    return require_seed(name, ends[0]), require_seed(name, ends[1])
+    return checked
 
 
 class NoiseOptions(TypedDict, total=False):
@@ -72,7 +73,7 @@ class NoiseOptions(TypedDict, total=False):
         Option(
             "Serial number of the sensor unit, or (first, last) of those from which each image draws one.",
             1,
-            check=_serials,
+            check=_range(1, SERIAL_MAX, is_seed=True),
         ),
     ]
     values: Annotated[
@@ -87,7 +88,7 @@ class NoiseOptions(TypedDict, total=False):
         float | tuple[float, float] | None,
         Option(
             "Mean electrons of a value of 1, or (least, most), between which the logarithm is uniform.",
-            check=lambda name, value: _pair(name, value, 1e-3, 1e9),
+            check=_range(1e-3, 1e9),
         ),
     ]
     output: Annotated[
@@ -127,8 +128,7 @@ class NoisyImage:
     image: Image
     draws: tuple[Draw, ...]
     frames: tuple[Frames, ...]
-    _given: Image
-    _batch: bool
+    _is_batch: bool
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
@@ -142,8 +142,8 @@ class NoisyImage:
 
         The frame without temporal noise is ``frames[0].clean``.
         """
-        variances = [frames.temporal_variance for frames in self.frames]
-        return _like(self._given, np.stack(variances) if self._batch else variances[0])
+        variances = np.stack([frames.temporal_variance for frames in self.frames])
+        return _like(self.image, variances if self._is_batch else variances[0])
 
 
 class SensorNoise:
@@ -177,12 +177,11 @@ class SensorNoise:
         check_types(self.camera, self.exposure)
         warn_of_temperature(self.exposure.temperature_k)
         chosen: Any = complete(NoiseOptions, options)
-        gain = chosen["gain"]
-        self.gains = tuple(gain) if isinstance(gain, list | tuple) else (gain,)
-        self.serials, self.values, self.white_e = (
-            chosen[x] for x in ("serial", "values", "white_e")
+        gain, self.serials, self.values = (chosen[x] for x in ("gain", "serial", "values"))
+        self.white_e, self.output, self.seed = (
+            chosen[x] for x in ("white_e", "output", "seed")
         )
-        self.output, self.seed = chosen["output"], chosen["seed"]
+        self.gains = tuple(gain) if isinstance(gain, list | tuple) else (gain,)
         self.engine = "drjit" if backend_problem("llvm") is None else "numpy"
         if (self.white_e is None) != (self.values == "electrons"):
             raise InputError(
@@ -194,6 +193,7 @@ class SensorNoise:
         for setting in self.gains:
             self.camera.at_gain(setting)
         self.light_nm = _wavelength_nm(self.camera)
+        self._efficiency = self.camera.qe([self.light_nm])[:, 0]
         self._letters = [name[:1].upper() for name in self.camera.filter_names]
         self._sensors: dict[tuple[Any, ...], Sensor] = {}
         self._is_warned = False
@@ -208,22 +208,25 @@ class SensorNoise:
             same sensor unit, gain, brightness and noise, in whatever order images come, in every process.
         """
         sample, given = require_seed("sample", sample), _array_of(image)
-        is_batch = given.ndim == 3 + self._is_colour(given)
+        is_colour = self._is_colour(given)
+        is_batch = given.ndim == 3 + is_colour
         images = given if is_batch else given[None]
         draws = tuple(self.draw(sample + number) for number in range(len(images)))
         photons = [self._photons(*pair) for pair in zip(images, draws, strict=True)]
         frames = tuple(self._expose(*pair) for pair in zip(photons, draws, strict=True))
         found: list[NumpyArray] = [one.digital[0] for one in frames]
         if self.output == "developed":
-            pairs = zip(found, draws, strict=True)
-            found = [self._developed(raw, draw, given) for raw, draw in pairs]
+            found = [
+                self._developed(x, draw, given.dtype, is_colour)
+                for x, draw in zip(found, draws, strict=True)
+            ]
         noted = [self._saturation_note(*pair) for pair in zip(photons, draws, strict=True)]
         notes = tuple(dict.fromkeys(note for note in noted if note))
         if not self._is_warned:  # once per transform: a training has thousands of images
             self._is_warned = bool(notes)
             warn_of(notes)
         made = _like(image, np.stack(found) if is_batch else found[0])
-        return NoisyImage(made, draws, frames, image, is_batch, notes)
+        return NoisyImage(made, draws, frames, is_batch, notes)
 
     def __getstate__(self) -> dict[str, Any]:
         """For other processes: without sensors."""
@@ -243,9 +246,8 @@ class SensorNoise:
     def _saturation_note(self, photons: Photons, draw: Draw) -> str:
         """Where many pixels are saturated: how many electrons the camera holds, and what helps."""
         camera = self.camera.at_gain(draw.gain)
-        efficiency = camera.qe([self.light_nm])[:, 0][
-            camera.filter_index((photons.shape[0], photons.shape[1]))
-        ]
+        rows, columns, _ = photons.shape
+        efficiency = self._efficiency[camera.filter_index((rows, columns))]
         share = saturated_share(photons.mean[..., 0] * efficiency, camera, self.exposure)
         if share < SATURATED_PIXELS:
             return ""
@@ -275,26 +277,22 @@ class SensorNoise:
     def _is_colour(self, given: NumpyArray) -> bool:
         """Return True if the last dimension is red, green and blue. Raises InputError for a shape of no image."""
         shape, is_rgb = given.shape, set(self._letters) == set("RGB")
-        colour = given.ndim == 4 or (given.ndim == 3 and shape[2] == 3)
-        grey_or_alpha = given.ndim == 3 and shape[1] > shape[2] and shape[2] in (1, 2, 4)
-        is_image = given.ndim in (2, 3, 4) and given.size and not grey_or_alpha
-        if not is_image or (given.ndim == 4 and shape[3] != 3):
+        is_colour = given.ndim == 4 or (given.ndim == 3 and shape[2] == 3)
+        is_grey_or_alpha = given.ndim == 3 and shape[1] > shape[2] and shape[2] in (1, 2, 4)
+        is_planes = given.ndim == 3 and shape[0] == 3 and not is_colour and is_rgb
+        is_image = given.ndim in (2, 3, 4) and given.size and not is_grey_or_alpha
+        if not is_image or is_planes or (given.ndim == 4 and shape[3] != 3):
             raise InputError(
-                f"image has shape {shape}; pass (H, W), (H, W, 3), or a batch of one of them; without transparency, "
-                "pass image[..., :3]."
+                f"image has shape {shape}; pass (H, W), (H, W, 3), or a batch of one of them: image[..., :3] of one "
+                "with transparency, np.moveaxis(image, 0, -1) of three planes, three grey images individually."
             )
-        if given.ndim == 3 and shape[0] == 3 and not colour and is_rgb:
-            raise InputError(
-                f"image has shape {shape}: one colour image whose planes come first, or three grey ones? "
-                "Pass a colour image as np.moveaxis(image, 0, -1), and grey ones individually."
-            )
-        if colour and not is_rgb:
+        if is_colour and not is_rgb:
             filters = ", ".join(self.camera.filter_names) or "none"
             raise InputError(
                 f"image has shape {shape} and {self.camera.name} the filters {filters}; pass (H, W), the light "
                 "behind each pixel's own filter."
             )
-        return colour
+        return is_colour
 
     def _photons(self, image: NumpyArray, draw: Draw) -> Photons:
         """Mean photons per pixel at one wavelength that give the image's photoelectrons behind each filter."""
@@ -303,8 +301,7 @@ class SensorNoise:
         if image.ndim == 3:
             channels = np.array(["RGB".index(letter) for letter in self._letters])[filters]
             values = np.take_along_axis(image, channels[..., None], 2)[..., 0]
-        efficiency = self.camera.qe([self.light_nm])[:, 0]
-        factors = ((draw.white_e or 1.0) / efficiency).astype(np.float32)[filters]
+        factors = ((draw.white_e or 1.0) / self._efficiency).astype(np.float32)[filters]
         with np.errstate(over="ignore", invalid="ignore"):
             mean = self._linear(values) * factors
         if not 0 <= mean.min() <= mean.max() < np.inf:
@@ -336,12 +333,14 @@ class SensorNoise:
             )
         return np.asarray(inverse_srgb_curve(values.astype(np.float32)), np.float32)
 
-    def _developed(self, raw: NumpyArray, draw: Draw, given: NumpyArray) -> NumpyArray:
+    def _developed(
+        self, raw: NumpyArray, draw: Draw, kind: np.dtype[Any], is_colour: bool
+    ) -> NumpyArray:
         """The values that came in: black level and gain are taken out, missing colours interpolated."""
         camera = self.camera.at_gain(draw.gain)
         scale = camera.system_gain_dn_per_e * (draw.white_e or 1.0)
         linear = (raw.astype(np.float64) - camera.black_level_dn) / scale
-        if self._is_colour(given):
+        if is_colour:
             filters = camera.filter_index(linear.shape)
             if np.unique(filters).size < len(self._letters):
                 raise InputError(
@@ -353,7 +352,7 @@ class SensorNoise:
         if self.values == "srgb":
             linear = np.copysign(srgb_curve(np.abs(linear)), linear)
         developed = linear.astype(np.float32)
-        if given.dtype != np.uint8:
+        if kind != np.uint8:
             return developed
         return np.clip(np.rint(developed * 255), 0, 255).astype(np.uint8)
 
@@ -397,13 +396,8 @@ def _wavelength_nm(camera: Camera) -> float:
 
 def _at_least_as_large(camera: Camera, shape: tuple[int, ...]) -> Camera:
     """The camera with enough rows and columns for an image."""
-    known = {
-        "sensor.rows": camera.sensor.rows or 0,
-        "sensor.columns": camera.sensor.columns or 0,
-    }
-    size = {
-        name: pixels
-        for (name, x), pixels in zip(known.items(), shape, strict=False)
-        if pixels > x
-    }
-    return with_fields_of(camera, size, "as large as the image")
+    sensor = camera.sensor
+    known = {"sensor.rows": sensor.rows or 0, "sensor.columns": sensor.columns or 0}
+    sizes = zip(known.items(), shape, strict=False)
+    larger = {name: pixels for (name, before), pixels in sizes if pixels > before}
+    return with_fields_of(camera, larger, "as large as the image")

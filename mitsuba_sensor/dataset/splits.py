@@ -11,8 +11,7 @@ import numpy as np
 
 from ..core import InputError
 from .file import DatasetFile, Splits
-from .keys import Facts
-from .sweep import Light, SceneSweep, Values, cells, drawn_values, share_of, values_of_cell
+from .sweep import Light, SceneSweep, Values, cells, share_of, values_of_cell
 
 MOST_SCENES = 10**6
 """Scenes, as splits.by tells them apart, that are dealt out."""
@@ -79,8 +78,8 @@ class SplitOf:
             return ""
         first_pose = light.view // self._block * self._block
         values = {"view": first_pose, **light.values, **sweep.rows[row]}
-        if self._by_draw(sweep):
-            values |= drawn_values(self.file, sweep.entry.name, light.draws[0])
+        if self._by_draw():
+            values |= sweep.drawn(light.draws[0])
         return self._scenes.of(self._scene(sweep, values))
 
     @property
@@ -94,7 +93,7 @@ class SplitOf:
         else:
             yield from (row.get("serial", 1) for row in self.file.list)  # type: ignore[misc]
 
-    def _by_draw(self, sweep: SceneSweep) -> bool:
+    def _by_draw(self) -> bool:
         """Whether a random draw makes another scene of it."""
         assert self.splits is not None
         names = self.file.random.values if self.file.random else {}
@@ -106,15 +105,14 @@ class SplitOf:
         by = self.splits.by
         grid = {name: values for name, values in sweep.of_light.items() if name in by}
         blocks = range(0, len(sweep.poses) if "view" in by else 1, self._block)
-        by_draw = self._by_draw(sweep)
-        lights = range(len(sweep.draws) if by_draw else 1)
+        by_draw = self._by_draw()
+        lights = range(sweep.groups if by_draw else 1)
         if (most := len(blocks) * cells(grid) * len(sweep.rows) * len(lights)) > MOST_SCENES:
             raise InputError(
                 f"splits.by tells {most} scenes apart; splits deal out at most {MOST_SCENES}: name less in by."
             )
         for light, view, cell in product(lights, blocks, range(cells(grid))):
-            draw = sweep.draws.of(light)[0]
-            drawn = drawn_values(self.file, sweep.entry.name, draw) if by_draw else {}
+            drawn = sweep.drawn(sweep.draws_of(light)[0]) if by_draw else {}
             for row in sweep.rows:
                 yield self._scene(
                     sweep, {"view": view, **values_of_cell(grid, cell), **row, **drawn}
@@ -129,7 +127,7 @@ class SplitOf:
             for kind in ("parameters", "traverse")
             for name, x in getattr(entry, kind).items()
         }
-        values: Facts = {"scene": entry.name, **fixed, **varied}
+        values = {"scene": entry.name, **fixed, **varied}
         return json.dumps([values.get(name) for name in self.splits.by])
 
 

@@ -40,7 +40,7 @@ from ..core import InputError
 from ..files import durable
 from .keys import Config, Facts
 
-FORMAT = 5
+FORMAT = 6
 """Of a folder; another one is refused."""
 RECORD, SHARDS, EARLIER, INDEX = "dataset.json", "shards", "earlier", "index.parquet"
 OF_RECORD, OF_ROWS, OF_END = "task/dataset,json", "task/rows,json", "task/end,txt"
@@ -67,9 +67,9 @@ class Row(BaseModel):
     """What is known of a sample without its files.
 
     number : of the sample in the order of the dataset file, when it was made.  values : what varies, by name; as in
-    sample.json.  exposed : exposure_s [s], system_gain_dn_per_e [DN/e-] and black_level_dn of the first frame.
+    sample.json.  exposed : exposed_s [s], system_gain_dn_per_e [DN/e-] and black_level_dn of the first frame.
     offset, bytes : of its members in the shard.  light_offset, light_bytes : of the files that the samples of its task
-    share; 0 bytes where there are none.
+    share; 0 bytes where there are none.  shard : name of its file.
     """
 
     model_config = ConfigDict(frozen=True, strict=True)
@@ -83,13 +83,14 @@ class Row(BaseModel):
     bytes: int = Field(ge=0)
     light_offset: int = Field(ge=0)
     light_bytes: int = Field(ge=0)
+    shard: str = ""
 
 
 class Record(BaseModel):
     """What a dataset is made from.
 
     text : of the dataset file, as it was written.  samples : number of samples of the complete dataset.  made_by :
-    versions of everything that pixels depend on.  sources : SHA-256 of every source file, by its name.
+    versions of everything that pixels depend on.
     """
 
     model_config = ConfigDict(frozen=True, strict=True)
@@ -98,7 +99,6 @@ class Record(BaseModel):
     made_by: dict[str, str | None]
     samples: int
     text: str
-    sources: dict[str, str]
 
     def content(self) -> bytes:
         """JSON with a line for each field, at its end the SHA-256 of all lines before."""
@@ -176,10 +176,10 @@ class Store:
         """The rows of a shard. Raises InputError where it is not as it was written."""
         with self.opened(shard.name) as file:
             try:
-                rows = [Row(**row) for row in json.loads(_rows_content(file))]
+                rows = json.loads(_rows_content(file))
+                return [Row(**{**row, "shard": shard.name}) for row in rows]
             except (OSError, ValueError, TypeError, RecursionError):
                 raise self.changed(shard.name) from None
-        return rows
 
     def members(self, shard: str, offset: int, size: int) -> dict[str, bytes]:
         """Content of the members that begin in these bytes of a shard, by their names without the key or folder.

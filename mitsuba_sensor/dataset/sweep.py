@@ -5,19 +5,19 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import accumulate
-from typing import NamedTuple
+from functools import cached_property, lru_cache, partial
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import scipy
 
-from ..core import InputError
+from ..core import Float64Array, InputError
+from ..core.types import NumpyArray
 from ..render.scene.motion import KeyPose
-from .file import DatasetFile, Distribution
+from .file import DatasetFile, Distribution, SceneEntry, Value, View
 from .keys import Config, Facts
-from .scene_entry import SceneEntry, Value, View
 
-Values = Config
+Values = Facts
 SENSOR = "sensor"
 """Name of the sensor of a scene file, among the values of a sample."""
 OF_LIGHT = ("f_number", "focus_m", SENSOR)
@@ -31,10 +31,14 @@ METERED = ("gain", "camera.")
 """What decides it as well where the exposure is metered, or a noise ratio is asked for."""
 MOST_SORTED = 10**6
 """Draws that are sorted by their light."""
+CELLS_KEPT = 1000
+PARALLEL = 1e-9
+"""Sine of the smallest angle between the view and up, as of KeyPose."""
 DIGITS = 6  # of a random number, so that it can be typed
 TIME_DIGITS = 9
 """Of a time on a path [s]: nanoseconds."""
 VECTORS = ("origin_m", "target_m", "up")
+Thing = TypeVar("Thing")
 
 
 class Combination(NamedTuple):
@@ -54,7 +58,7 @@ class Combination(NamedTuple):
 
 
 class Poses:
-    """The poses of the camera in a scene, by number; None is that of the scene file."""
+    """The poses of the camera in a scene, by number; None is that of the scene file. Raises InputError."""
 
     def __init__(self, scene: SceneEntry) -> None:
         self.name, self.path, self.given = scene.name, scene.path, scene.views or (None,)
@@ -67,33 +71,43 @@ class Poses:
             raise IndexError(number)
         if self.path is None:
             return self.given[number]
+        times_s, poses = self._of_path
+        view: Facts = {"time_s": float(times_s[number])}
+        if poses is not None:
+            view |= zip(VECTORS, map(tuple, poses[number].tolist()), strict=True)
+        return View.model_construct(**view)
+
+    @cached_property
+    def _of_path(self) -> tuple[Float64Array, Float64Array | None]:
+        """Times [s] of all poses of the path, and origin, target and up of each, (N, 3, 3)."""
+        assert self.path is not None
         keys = self.path.keys
         first, last = keys[0], keys[-1]
-        steps = self.path.views - (not _is_loop(first, last))
-        period_s = (last.time_s - first.time_s) / max(steps, 1)
-        time_s = _rounded_to(TIME_DIGITS, first.time_s + number * period_s)
+        steps = max(self.path.views - (not _is_loop(first, last)), 1)
+        period_s = (last.time_s - first.time_s) / steps
+        times_s = _rounded(first.time_s + np.arange(self.path.views) * period_s, TIME_DIGITS)
         if not self.path.has_poses:
-            return View(time_s=time_s)
-        times_s = [key.time_s for key in keys]
-        pose = {
-            name: tuple(
-                _rounded_to(DIGITS, np.interp(time_s, times_s, coordinates))
-                for coordinates in zip(*(getattr(key, name) for key in keys), strict=True)
-            )
-            for name in VECTORS
-        }
-        try:
-            return View(**pose, time_s=time_s)
-        except ValueError:  # the keys were checked, and this pose is between them
+            return times_s, None
+        of_keys = np.array([[getattr(key, name) for name in VECTORS] for key in keys])
+        key_times_s = [key.time_s for key in keys]
+        columns = [np.interp(times_s, key_times_s, x) for x in of_keys.reshape(len(keys), 9).T]
+        poses = _rounded(np.array(columns).T.reshape(-1, 3, 3), DIGITS)
+        forward, up = poses[:, 1] - poses[:, 0], poses[:, 2]
+        lengths = np.linalg.norm(forward, axis=1) * np.linalg.norm(up, axis=1)
+        no_pose = ~(np.linalg.norm(np.cross(up, forward), axis=1) > PARALLEL * lengths)
+        if no_pose.any():  # the keys were checked, and this pose is between them
+            number = int(np.argmax(no_pose))
+            origin, target, _ = poses[number].tolist()
             raise InputError(
-                f"view {number} on the path of scene {self.name!r} is at {[*pose['origin_m']]} and looks at "
-                f"{[*pose['target_m']]}: that is one point, or straight along up; move a key, or give it another up."
-            ) from None
+                f"view {number} on the path of scene {self.name!r} is at {origin} and looks at {target}: that is one "
+                "point, or straight along up; move a key, or give it another up."
+            )
+        return times_s, poses
 
 
-def _rounded_to(digits: int, value: float) -> float:
-    """A number with so many decimals, never −0."""
-    return float(np.round(value, digits)) + 0.0
+def _rounded(values: NumpyArray, digits: int) -> Float64Array:
+    """Numbers with so many decimals, never −0."""
+    return np.asarray(np.round(values, digits) + 0.0)
 
 
 def _is_loop(first: KeyPose, last: KeyPose) -> bool:
@@ -121,7 +135,9 @@ class SceneSweep:
 
     file : the dataset.  scene : number of its entry.  later : whether a camera has exposures one after the other, so
     that all that changes it changes the light of what moves.  sensors : that take pictures, by name; none where it is
-    the first one alone.  Serial numbers are for splits to deal out (splits.py).
+    the first one alone.  draws : how many random draws there are; the samples of one light have all, where they do not
+    change the light; each alone, where a law of what does is continuous; else those with the same choices.
+    Serial numbers are for splits to deal out (splits.py).  Raises InputError for too many.
     """
 
     def __init__(
@@ -134,18 +150,33 @@ class SceneSweep:
         if sensors:
             grid = {SENSOR: sensors, **grid}
         self.of_light = {name: x for name, x in grid.items() if changes_light(name, also)}
-        self.of_exposure = {name: x for name, x in grid.items() if name not in self.of_light}
+        self._of_exposure = {name: x for name, x in grid.items() if name not in self.of_light}
         self.rows: Sequence[Values] = file.list or ({},)
-        self.draws = LightDraws(file, self.entry.name, also)
-        self.lights = len(self.poses) * cells(self.of_light) * len(self.draws)
-        self.cells_of_exposure = cells(self.of_exposure)
+        laws = file.random.values if file.random else {}
+        self.draws = file.random.draws if file.random else 1
+        self._laws = {name: law for name, law in laws.items() if changes_light(name, also)}
+        self._are_alone = any(
+            x.choice is None and x.integer is None for x in self._laws.values()
+        )
+        self._groups: list[Sequence[int]] = [range(self.draws)]
+        if self._laws and not self._are_alone:
+            self._groups = self._draws_by_light()
+        self.groups = self.draws if self._are_alone else len(self._groups)
+        self.lights = len(self.poses) * cells(self.of_light) * self.groups
+        self.cells_of_exposure = cells(self._of_exposure)
+        self._exposed = lru_cache(CELLS_KEPT)(partial(values_of_cell, self._of_exposure))
+        self.drawn = lru_cache(CELLS_KEPT)(partial(drawn_values, file, self.entry.name))
 
     def light(self, number: int) -> Light:
         """The light of this number."""
-        number, draw = divmod(number, len(self.draws))
+        number, group = divmod(number, self.groups)
         view, cell = divmod(number, cells(self.of_light))
         values = values_of_cell(self.of_light, cell)
-        return Light(view, self.poses[view], values, self.draws.of(draw))
+        return Light(view, self.poses[view], values, self.draws_of(group))
+
+    def draws_of(self, group: int) -> Sequence[int]:
+        """The draws of a light."""
+        return (group,) if self._are_alone else self._groups[group]
 
     def exposures(self, light: Light) -> int:
         """How many samples a light has of each row, camera and serial number."""
@@ -154,79 +185,36 @@ class SceneSweep:
     def combination(self, light: Light, row: int, camera: int, exposure: int) -> Combination:
         """What one sample is made of, but for its serial number.  exposure : number among those of the light."""
         place, cell = divmod(exposure, self.cells_of_exposure)
-        draw = int(light.draws[place])
-        values = {
-            **light.values,
-            **self.rows[row],
-            **values_of_cell(self.of_exposure, cell),
-            **drawn_values(self.file, self.entry.name, draw),
-        }
+        draw = light.draws[place]
+        values = light.values | self.rows[row] | self._exposed(cell) | self.drawn(draw)
         if self.file.random is None:
             draw = -1
         return Combination(self.scene, camera, light.view, light.pose, values, draw)
 
-
-class LightDraws:
-    """The random draws of a scene, those of one light together: all, where they do not change the light; each alone,
-    where a law of what does is continuous; else by its choices.
-
-    also : see :func:`changes_light`.  Raises InputError for too many.
-    """
-
-    def __init__(self, file: DatasetFile, scene: str, also: Sequence[str]) -> None:
-        laws = file.random.values if file.random else {}
-        self.all = file.random.draws if file.random else 1
-        of_light = {name: law for name, law in laws.items() if changes_light(name, also)}
-        self.alone = any(
-            law.choice is None and law.integer is None for law in of_light.values()
-        )
-        self._bounds = [0, self.all]
-        self._order: Sequence[int] = range(self.all)
-        if of_light and not self.alone:
-            self._sort(file.seed, scene, of_light)
-
-    def __len__(self) -> int:
-        return self.all if self.alone else len(self._bounds) - 1
-
-    def of(self, number: int) -> Sequence[int]:
-        """The draws of a light."""
-        if self.alone:
-            return range(number, number + 1)
-        return self._order[self._bounds[number] : self._bounds[number + 1]]
-
-    def _sort(self, seed: int, scene: str, of_light: Mapping[str, Distribution]) -> None:
-        if self.all > MOST_SORTED:
+    def _draws_by_light(self) -> list[Sequence[int]]:
+        if self.draws > MOST_SORTED:
             raise InputError(
-                f"random.draws is {self.all}; at most {MOST_SORTED} where choices or whole numbers change the light: "
+                f"random.draws is {self.draws}; at most {MOST_SORTED} where choices or whole numbers change the light: "
                 "put them into [grid]."
             )
         together: dict[object, list[int]] = {}
-        for draw in range(self.all):
-            values = (drawn(x, share_of(seed, scene, n, draw)) for n, x in of_light.items())
-            together.setdefault(tuple(values), []).append(draw)
-        groups = list(together.values())
-        self._bounds = list(accumulate(map(len, groups), initial=0))
-        self._order = [draw for group in groups for draw in group]
+        for draw in range(self.draws):
+            values = drawn_values(self.file, self.entry.name, draw)
+            together.setdefault(tuple(map(values.get, self._laws)), []).append(draw)
+        return [*together.values()]
 
 
 def names_of_timed_light(file: DatasetFile, entry: SceneEntry, later: bool) -> tuple[str, ...]:
     """Beginnings of the names that change the light of a scene beside the usual ones, because time does."""
-    if not is_timed(file, entry):
+    if entry.motion is None and "noise_ratio" not in file.render:
         return ()
-    times, drawn_names = (
-        [*possible_values(file, "exposure_s")],
-        file.random and file.random.values,
-    )
-    given = "exposure_s" in file.grid or "exposure_s" in (drawn_names or ())
-    given = given or (bool(file.list) and all("exposure_s" in row for row in file.list))
-    if later or "noise_ratio" in file.render or "auto" in times or not given:
+    drawn_names = file.random.values if file.random else {}
+    is_given = "exposure_s" in file.grid or "exposure_s" in drawn_names
+    is_given |= bool(file.list) and all("exposure_s" in row for row in file.list)
+    is_metered = "auto" in possible_values(file, "exposure_s") or not is_given
+    if later or "noise_ratio" in file.render or is_metered:
         return EXPOSED + METERED
     return EXPOSED
-
-
-def is_timed(file: DatasetFile, entry: SceneEntry) -> bool:
-    """Whether the exposure decides the light."""
-    return entry.motion is not None or "noise_ratio" in file.render
 
 
 def possible_values(file: DatasetFile, name: str) -> Iterator[Value]:
@@ -235,6 +223,11 @@ def possible_values(file: DatasetFile, name: str) -> Iterator[Value]:
     yield from (row[name] for row in file.list if name in row)
     if file.random and name in file.random.values:
         yield from ends(file.random.values[name], file.random.draws)
+
+
+def whole_values(file: DatasetFile, name: str) -> list[int]:
+    """The whole numbers among these."""
+    return [value for value in possible_values(file, name) if isinstance(value, int)]
 
 
 def cells(grid: Mapping[str, Sequence[Value]]) -> int:
@@ -256,7 +249,7 @@ def changes_light(name: str, also: Iterable[str] = ()) -> bool:
     return name in OF_LIGHT or name.startswith((*OF_LIGHT_PREFIXES, *also))
 
 
-def of_kind(kind: str, values: Values) -> Facts:
+def of_kind(kind: str, values: Config) -> Facts:
     """Values of ``kind.NAME`` by NAME."""
     return {
         name.partition(".")[2]: x for name, x in values.items() if name.startswith(f"{kind}.")
@@ -280,10 +273,10 @@ def drawn(distribution: Distribution, share: float) -> Value:
         return first + int(share * (last - first + 1))
     if distribution.normal is not None:
         mean, sigma = distribution.normal
-        return _rounded(mean + sigma * float(scipy.special.ndtri(share)))
+        return _typed(mean + sigma * float(scipy.special.ndtri(share)))
     low, high = distribution.uniform or map(math.log, distribution.log_uniform or ())
     value = low + share * (high - low)
-    return _rounded(value if distribution.uniform else math.exp(value))
+    return _typed(value if distribution.uniform else math.exp(value))
 
 
 def ends(distribution: Distribution, draws: int) -> Sequence[Value]:
@@ -303,5 +296,12 @@ def share_of(*names: object) -> float:
     return ((int.from_bytes(digest, "little") >> 11) + 0.5) / 2**53
 
 
-def _rounded(value: float) -> float:
+def _typed(value: float) -> float:
+    """A number with the digits that a person would type."""
     return float(f"{value:.{DIGITS}g}")
+
+
+def evenly_chosen(things: Sequence[Thing], most: int) -> list[Thing]:
+    """At most so many of them, evenly chosen, in their order."""
+    places = np.linspace(0, len(things) - 1, min(most, len(things)))
+    return [things[place] for place in np.unique(places.astype(int)).tolist()]

@@ -1,13 +1,4 @@
-"""The table of a dataset, ``index.parquet``: a row for each sample, which pandas, DuckDB and Hugging Face read at once.
-
-It is made from the shards alone: from the rows that each has at its end (store.py). It is made again by whatever opens
-it and finds it missing, damaged, or of other shards than there are now; where it cannot be written, in memory.
-
-Columns: key, split, shard (name of its file), offset, bytes, light_offset and light_bytes (places in the shard), number
-(in the order of the dataset file), exposed_s, system_gain_dn_per_e and black_level_dn (of the first frame), scene,
-camera, and a column for everything that varies. A name with values of several kinds has a column for each:
-``exposure_s`` holds the numbers, ``exposure_s (text)`` holds ``auto``.
-"""
+"""The table of a dataset, index.parquet: a row for each sample, made from the shards alone; and what is damaged."""
 
 from __future__ import annotations
 
@@ -15,40 +6,31 @@ import hashlib
 import math
 import operator
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from copy import copy
 from functools import cached_property
-from typing import NamedTuple, overload
+from typing import Literal, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core import InputError, nearest
 from ..files import durable
-from ..files.parquet import GROUP, Kind, ParquetRows, parquet_bytes
-from .file import DatasetFile, read_dataset_text
+from ..files.parquet import Kind, ParquetRows, parquet_bytes
+from .file import DatasetFile, Value, read_dataset_text
 from .keys import Config, Facts
-from .scene_entry import Value
-from .store import INDEX, Row, Shard, Store
+from .store import INDEX, RECORD, SHARDS, Row, Shard, Store, record_of
 from .sweep import possible_values
 
 PLACES: dict[str, Kind] = {
-    "key": "text",
-    "split": "text",
-    "shard": "text",
-    "offset": "integer",
-    "bytes": "integer",
-    "light_offset": "integer",
-    "light_bytes": "integer",
-    "number": "integer",
+    **dict.fromkeys(("key", "split", "shard"), "text"),
+    **dict.fromkeys(("offset", "bytes", "light_offset", "light_bytes", "number"), "integer"),
 }
 """Columns before those of the values."""
-EXPOSED: dict[str, Kind] = {
-    "exposed_s": "number",
-    "system_gain_dn_per_e": "number",
-    "black_level_dn": "number",
-}
+EXPOSED: dict[str, Kind] = dict.fromkeys(
+    ("exposed_s", "system_gain_dn_per_e", "black_level_dn"), "number"
+)
 """What is known of the first frame of a sample: time [s], gain K [DN/e-], black level [DN]."""
 SEEDS = ("serial", "repetition")
 OF_SHARDS = "shards"
@@ -56,22 +38,7 @@ OF_SHARDS = "shards"
 MOST_SAID = 20  # values, in the sentence on one that no sample has
 
 
-class Line(NamedTuple):
-    """A row of the table.  exposed : see EXPOSED.  Other fields as of a Row (store.py)."""
-
-    key: str
-    split: str
-    shard: str
-    offset: int
-    bytes: int
-    light_offset: int
-    light_bytes: int
-    number: int
-    exposed: Config
-    values: Config
-
-
-class Table(Sequence[Line]):
+class Table(Sequence[Row]):
     """The samples of a dataset, in its order; few rows are in memory.  Raises InputError where there is no dataset."""
 
     def __init__(self, store: Store) -> None:
@@ -91,29 +58,28 @@ class Table(Sequence[Line]):
         return self._rows.rows if self._chosen is None else len(self._chosen)
 
     @overload
-    def __getitem__(self, number: int) -> Line: ...
+    def __getitem__(self, number: int) -> Row: ...
 
     @overload
-    def __getitem__(self, number: slice) -> list[Line]: ...
+    def __getitem__(self, number: slice) -> list[Row]: ...
 
-    def __getitem__(self, number: int | slice) -> Line | list[Line]:
+    def __getitem__(self, number: int | slice) -> Row | list[Row]:
         places = range(len(self))
         if isinstance(number, slice):
-            return [self.line(place) for place in places[number]]
-        return self.line(places[operator.index(number)])
+            return [self._row(place) for place in places[number]]
+        return self._row(places[operator.index(number)])
 
-    def __iter__(self) -> Iterator[Line]:
+    def __iter__(self) -> Iterator[Row]:
         if self._chosen is not None:
-            yield from map(self.line, range(len(self)))
+            yield from map(self._row, range(len(self)))
         else:
             with self._as_written():
-                yield from map(_line_of, self._rows.all_rows())
+                yield from map(_row_of, self._rows.all_rows())
 
-    def line(self, place: int) -> Line:
-        """The row at a place."""
-        row = place if self._chosen is None else int(self._chosen[place])
+    def _row(self, place: int) -> Row:
+        number = place if self._chosen is None else int(self._chosen[place])
         with self._as_written():
-            return _line_of(self._rows.row(row))
+            return _row_of(self._rows.row(number))
 
     @contextmanager
     def _as_written(self) -> Iterator[None]:
@@ -145,14 +111,13 @@ class Table(Sequence[Line]):
             )
         here = np.zeros(self._rows.rows, bool)
         for values, numbers in self._coded(name):
-            here |= np.array([*(is_equal(x, value) for x in values), False])[numbers]
+            here |= np.array([*(_is_equal(x, value) for x in values), False])[numbers]
         if not here.any():
             known = [text or "none" for text in self.counts(name)]
-            shown = known[:MOST_SAID] + (
-                [f"… ({len(known)} values)"] if len(known) > MOST_SAID else []
-            )
+            more = [f"… ({len(known)} values)"] if len(known) > MOST_SAID else []
+            shown = ", ".join(known[:MOST_SAID] + more)
             raise InputError(
-                f"{name} is {value!r}; the samples have {', '.join(shown)}.{nearest(str(value), known)}"
+                f"{name} is {value!r}; the samples have {shown}.{nearest(str(value), known)}"
             )
         chosen = copy(self)
         places = np.flatnonzero(here)
@@ -172,52 +137,48 @@ class Table(Sequence[Line]):
 
     def places(self, column: str, beginning: str) -> list[int]:
         """Places of the rows of which this column, of texts, begins so."""
-        with self._as_written():
-            values, numbers = self._rows.coded(column)
+        ((values, numbers),) = self._coded(column)
         here = np.array([*(str(x).startswith(beginning) for x in values), False])[numbers]
         return np.flatnonzero(here if self._chosen is None else here[self._chosen]).tolist()
 
     def _coded(self, name: str) -> Iterator[tuple[list[object], NDArray[np.int64]]]:
         """The values of a name, each once, and for each row the number of its own, −1 for none: of each kind."""
-        columns = [
-            x
-            for x in self._rows.types
-            if x == name or (x not in PLACES and _name_of(x) == name)
-        ]
         with self._as_written():
-            return iter([*map(self._rows.coded, columns)])
+            for x in self._rows.types:
+                if x == name or (x not in PLACES and _name_of(x) == name):
+                    yield self._rows.coded(x)
 
 
 def open_table(store: Store) -> ParquetRows:
     """The table of what is there now: index.parquet, or made again. Raises InputError."""
-    path, shards = store.folder / INDEX, store.finished()
+    path = store.folder / INDEX
     with suppress(ValueError, OSError):
         rows = ParquetRows(path)
-        if rows.about.get(OF_SHARDS) == digest_of(shards.values()):
+        if rows.about.get(OF_SHARDS) == _digest_of(store.finished().values()):
             return rows
-    content = table_bytes(store)
+    content = _table_bytes(store)
     with suppress(InputError):  # a folder that cannot be written, a full disk
         durable.write_lasting(path, [content])
     return ParquetRows(content)
 
 
-def digest_of(shards: Iterable[Shard]) -> str:
+def _digest_of(shards: Iterable[Shard]) -> str:
     """SHA-256 of the names of shards."""
-    return hashlib.sha256(
-        "\n".join(sorted(shard.name for shard in shards)).encode()
-    ).hexdigest()
+    return hashlib.sha256("\n".join(sorted(x.name for x in shards)).encode()).hexdigest()
 
 
-def table_bytes(store: Store) -> bytes:
+def _table_bytes(store: Store) -> bytes:
     """The content of index.parquet. Raises InputError for a shard that is not as it was written."""
     kinds = kinds_of(read_dataset_text(store.require_record().text))
-    shards = store.finished()
-    order = sorted(
-        (min(row.number for row in store.rows(shard)), shard) for shard in shards.values()
+    shards = store.finished().values()
+    order = sorted((min(row.number for row in store.rows(shard)), shard) for shard in shards)
+    cells = (
+        _cells(row, kinds)
+        for _, shard in order
+        for row in sorted(store.rows(shard), key=lambda row: row.number)
     )
-    about = {OF_SHARDS: digest_of(shards.values())}
     try:
-        return parquet_bytes(_groups(store, [shard for _, shard in order], kinds), kinds, about)
+        return parquet_bytes(cells, kinds, {OF_SHARDS: _digest_of(shards)})
     except InputError:
         raise
     except (ValueError, TypeError, KeyError) as error:
@@ -226,25 +187,13 @@ def table_bytes(store: Store) -> bytes:
         ) from None
 
 
-def _groups(
-    store: Store, shards: Sequence[Shard], kinds: Mapping[str, Kind]
-) -> Iterator[dict[str, list[object]]]:
-    """Columns of a thousand rows after another."""
-    group: list[Facts] = []
-    for shard in shards:
-        for row in sorted(store.rows(shard), key=lambda row: row.number):
-            group.append(_cells(row, shard, kinds))
-            if len(group) == GROUP:
-                yield {name: [cells.get(name) for cells in group] for name in kinds}
-                group.clear()
-    yield {name: [cells.get(name) for cells in group] for name in kinds}
-
-
-def _cells(row: Row, shard: Shard, kinds: Mapping[str, Kind]) -> Facts:
+def _cells(row: Row, kinds: Mapping[str, Kind]) -> Facts:
     """Column → cell of a sample."""
-    exposed = dict(zip(EXPOSED, row.exposed.values(), strict=True))
-    places = {**row.model_dump(include={*PLACES}), "shard": shard.name, **exposed}
-    return places | value_cells(row.values, kinds)
+    return (
+        {name: getattr(row, name) for name in PLACES}
+        | row.exposed
+        | value_cells(row.values, kinds)
+    )
 
 
 def value_cells(values: Config, kinds: Mapping[str, Kind]) -> Facts:
@@ -257,11 +206,11 @@ def value_cells(values: Config, kinds: Mapping[str, Kind]) -> Facts:
     return cells
 
 
-def _line_of(row: Facts) -> Line:
-    places = {name: row.pop(name) for name in PLACES}
-    exposed = {name: row.pop(name) for name in EXPOSED}
-    values = {_name_of(column): x for column, x in row.items() if x is not None}
-    return Line(**places, exposed=exposed, values=values)
+def _row_of(cells: Facts) -> Row:
+    places = {name: cells.pop(name) for name in PLACES}
+    exposed = {name: cells.pop(name) for name in EXPOSED}
+    values = {_name_of(column): x for column, x in cells.items() if x is not None}
+    return Row.model_construct(**places, exposed=exposed, values=values)
 
 
 def kinds_of(file: DatasetFile) -> dict[str, Kind]:
@@ -296,7 +245,7 @@ def _kind_of(name: str, value: Value) -> Kind:
     return kinds.get(type(value), "vector")
 
 
-def is_equal(own: object, value: object) -> bool:
+def _is_equal(own: object, value: object) -> bool:
     """Whether a value of a sample is the one that is asked for; numbers are equal to nine digits."""
     if isinstance(value, float) and isinstance(own, int | float):
         return math.isclose(value, own, rel_tol=1e-9)
@@ -305,3 +254,70 @@ def is_equal(own: object, value: object) -> bool:
 
 def _name_of(column: str) -> str:
     return column.rpartition(" (")[0] if column.endswith(")") else column
+
+
+What = Literal["changed", "missing", "no shard"]
+
+
+class Fault(NamedTuple):
+    """A file of the folder.  what : no shard is a file among shards that no run wrote."""
+
+    file: str
+    what: What
+
+    @property
+    def is_damage(self) -> bool:
+        """Whether samples are lost, or said to be what they are not."""
+        return self.what != "no shard"
+
+
+def verify(
+    store: Store, now: Callable[[int, int], object] = lambda done, total: None
+) -> list[Fault]:
+    """What is not as it was written.  now : told how many shards are read, of how many.
+
+    Raises InputError where there is no dataset, or one of another format.
+    """
+    store.require_record()
+    shards, faults = store.finished(), list[Fault]()
+    content = durable.read_small(store.folder / RECORD, 2**26)
+    if record_of(content) is None:
+        faults.append(Fault(RECORD, "changed" if content else "missing"))
+    known = {shard.name for shard in shards.values()}
+    for name in durable.names_of(store.shards):
+        if name not in known and not name.startswith(durable.SCRATCH):
+            faults.append(Fault(f"{SHARDS}/{name}", "no shard"))
+    for number, shard in enumerate(shards.values()):
+        now(number, len(shards))
+        if not store.is_sound(shard):
+            faults.append(Fault(f"{SHARDS}/{shard.name}", "changed"))
+    if not any(fault.is_damage for fault in faults):
+        faults += _faults_of_table(store)
+    return faults
+
+
+def _faults_of_table(store: Store) -> list[Fault]:
+    """Of the table, which can be made from the shards again; one that is older is no fault."""
+    path = store.folder / INDEX
+    if not path.is_file():
+        return [Fault(INDEX, "missing")]
+    try:
+        found, wanted = ParquetRows(path), ParquetRows(_table_bytes(store))
+        if found.about != wanted.about:
+            return []
+        same = found.types == wanted.types and found.rows == wanted.rows
+        pairs = zip(found.all_rows(), wanted.all_rows(), strict=True)
+        same = same and all(one == other for one, other in pairs)
+    except (ValueError, OSError):
+        same = False
+    return [] if same else [Fault(INDEX, "changed")]
+
+
+def remove_faults(store: Store, faults: list[Fault]) -> None:
+    """Remove the shards and the table that are not as they were written, and write the record again."""
+    record = store.record()
+    for fault in faults:
+        if fault.is_damage and fault.file != RECORD:
+            durable.remove_file(store.folder / fault.file)
+    if record is not None:
+        store.write_record(record)

@@ -7,7 +7,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..core import InputError
 from ..core.types import NumpyArray
 from .read import Sample
 
@@ -28,20 +27,14 @@ def batches(
 
     samples : a :class:`Dataset`.  seed, epoch : of the order, which is another one in every epoch; None is the order of
         the samples.
-    Raises InputError where the arrays of a batch differ in shape.
+    The arrays of a batch must have one shape; with size=1 all can be read.
     """
     order = np.arange(len(samples))
     if seed is not None:
         order = np.random.default_rng((seed, epoch)).permutation(order)
     for first in range(0, len(order), size):
         chosen = [samples[int(number)] for number in order[first : first + size]]
-        arrays = {name: [sample.read(name) for sample in chosen] for name in names}
-        for name, found in arrays.items():
-            if len({x.shape for x in found}) > 1:
-                raise InputError(
-                    f"the {name} of a batch have shapes {sorted({x.shape for x in found})}; take size=1."
-                )
-        yield {name: np.stack(found) for name, found in arrays.items()}
+        yield {name: np.stack([sample.read(name) for sample in chosen]) for name in names}
 
 
 class TorchDataset:

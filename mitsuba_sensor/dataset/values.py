@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from ..core import Exposure, InputError, nearest, require, require_seed
+from ..core.options import complete, declared
 from ..optics.waveform import FROM_FILE, waveform_of
+from ..render.options import RenderOptions
 
 LARGEST = sys.float_info.max
 LARGEST_WHOLE = 2**63
@@ -14,23 +18,35 @@ MOST_STOPS = 60.0
 MOST_FRAMES = 65535
 
 
-FIELDS = {  # what can be varied → what it is
-    "exposure_s": "exposure time [s], or auto",
-    "exposure_ev": "stops on top of exposure_s or of the metered time",
-    "gain": "gain setting of the camera",
-    "temperature_k": "temperature of the sensor [K]",
-    "f_number": "f-number of the lens",
-    "focus_m": "focus distance of a lens prescription [m]",
-    "serial": "serial number of the camera",
-    "frames": "frames per sample",
-    "repetition": "number of an independent sample at the same settings",
+OF_SCENE = (
+    "parameters",
+    "traverse",
+    "sensor",
+    "motion",
+    "scene_unit",
+    "integrator",
+    "ignore_polarization",
+    "look_at",
+)
+NOT_RENDER = dict.fromkeys(OF_SCENE, "belongs to the tables of [[scenes]]") | {
+    "sensor": "is sensors in the tables of [[scenes]]",
+    "look_at": "is views or path in the tables of [[scenes]]",
+    "max_seconds": "would make other samples on another machine; max_spp limits the samples",
+    "repeatable": "is always true of a dataset",
+    "raw_light": "is for light that is kept; the outputs of the dataset say what is kept",
+    "variant": "is chosen by the run",
+    "luminance": "would scale each view by its own median; set the emitters of the scene, by the light_scale that "
+    "`render --luminance` writes into frame.json",
+    "gain": "is varied: gain in [grid], [[list]] or [random]",
 }
-PREFIXES = {
-    "parameters": "a <default> of the scene file",
-    "traverse": "a parameter of the scene by its name in mi.traverse",
-    "camera": "a field of the camera's datasheet",
-    "lights": "level or waveform of a light group",
-}
+"""What a [render] table does not have, and why."""
+FIELDS = (
+    *("exposure_s", "exposure_ev", "gain", "temperature_k", "f_number", "focus_m"),
+    *("serial", "frames", "repetition"),
+)
+"""What can be varied: time [s] or auto, stops on top of it, gain setting, …; docs/datasets.md has what each is."""
+PREFIXES = ("parameters", "traverse", "camera", "lights")
+"""Values of <default> names, of mi.traverse names, of the datasheet, and of light groups."""
 
 PICTURE = "frame.png"
 """The preview of a sample."""
@@ -83,6 +99,26 @@ def check_value(name: str, value: object) -> None:
         raise InputError(
             f"{name} is {list(value)}; it must be one text or number, as after -D: {_text(value)!r}."
         )
+
+
+def check_render(render: Mapping[str, Any], timed: Sequence[str]) -> None:
+    """Raise ValueError for a [render] table that a dataset cannot have.  timed : scenes whose views have times."""
+    known = [one.name for one in declared(RenderOptions) if one.name not in NOT_RENDER]
+    for name in render:
+        if name not in known:
+            why = NOT_RENDER.get(name, f"is no field of it.{nearest(name, known)}".rstrip(".?"))
+            raise ValueError(
+                f"[render] has {name!r}, which {why}; the fields of [render] are {', '.join(known)}"
+            )
+    if "start_s" in render and timed:
+        raise ValueError(
+            f"[render] has start_s, and the views of scene {timed[0]} have times of their own; leave start_s out, "
+            "and add it to these"
+        )
+    try:
+        complete(RenderOptions, {**render})
+    except InputError as error:
+        raise ValueError(f"render: {str(error).removesuffix('.')}") from None
 
 
 def plain_value(value: object) -> bool | float | str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache, partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -33,11 +34,9 @@ AT_ONCE = 2048
 
 
 def parquet_bytes(
-    groups: Iterable[Mapping[str, Sequence[object]]],
-    kinds: Mapping[str, Kind],
-    about: Mapping[str, str],
+    rows: Iterable[Row], kinds: Mapping[str, Kind], about: Mapping[str, str]
 ) -> bytes:
-    """A file with these groups of rows, each a list for every column, in which None is a value that is not there.
+    """A file with these rows; None, or no such name, is a value that is not there.
 
     kinds : of each column.  about : texts of the file itself.  Raises ValueError for values that are of no such kind.
     """
@@ -46,8 +45,9 @@ def parquet_bytes(
 
     schema, sink = schema_of(kinds, about), pa.BufferOutputStream()
     with only_value_errors(), pq.ParquetWriter(sink, schema, **FORM) as writer:
-        for columns in groups:
-            writer.write_table(pa.table(dict(columns), schema=schema))
+        left = iter(rows)
+        while group := [*islice(left, GROUP)]:
+            writer.write_table(pa.Table.from_pylist(group, schema=schema))
     return bytes(sink.getvalue())
 
 

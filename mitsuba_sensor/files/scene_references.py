@@ -93,8 +93,16 @@ def scene_references(
     Raises InputError for a scene that cannot be read or has a value that is not known, for a file that is not where
     the scene looks for it, and where native code lies beside it, which Mitsuba would load and run.
     """
+    return references_of(Path(path), parameters, roots)[0]
+
+
+def references_of(
+    path: Path, parameters: Parameters, roots: Sequence[Path] | None = None
+) -> tuple[list[Path], set[str]]:
+    """The same, and the names of all parameters that other values of may lead to other files."""
     values = {str(name): str(value) for name, value in parameters.items()}
-    return list(_Search(Path(path), values, roots).found)
+    search = _Search(path, values, roots)
+    return list(search.found), search.expansion.used
 
 
 def camera_references(path: str | os.PathLike[str]) -> list[Path]:

@@ -34,10 +34,12 @@ class Expansion:
     """The parameters of a scene, and how much longer they may still make its texts.
 
     A parameter whose value names another one twice doubles it, so lengths are counted before anything is put in.
+    used : names of those that were put in.
     """
 
     def __init__(self, values: Mapping[str, str]) -> None:
         self.values, self._left, self._files = dict(values), MOST_ADDED, 0
+        self.used = set[str]()
 
     def include(self, file: Path, depth: int) -> None:
         """Count one more file. Raises InputError for too many, or too deep, ones."""
@@ -53,8 +55,10 @@ class Expansion:
         if "$" not in value:
             return value
         for name in sorted(self.values, key=lambda name: (-len(name), name)):
-            added = value.count(f"${name}") * (len(self.values[name]) - len(name) - 1)
-            self._left -= max(added, 0)
+            if not (times := value.count(f"${name}")):
+                continue
+            self.used.add(name)
+            self._left -= max(times * (len(self.values[name]) - len(name) - 1), 0)
             if self._left < 0:
                 raise InputError(
                     f"{where}: parameters make the texts of the scene more than {MOST_ADDED} characters longer; "

@@ -237,7 +237,7 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
         int | None,
         Option(
             "Samples (light paths) per pixel over all passes; 4 × as many halve the render noise. Default: until 95 % "
-            "of the lit pixels have less render noise than sensor noise, at most 32, or 256 without denoising.",
+            "of the lit pixels have less render noise than sensor noise, at most 64, or 256 without denoising.",
             low=1,
             high=MOST_IN_ALL,
             example="256",

@@ -15,8 +15,6 @@ from helpers.marks import exhaustive
 from mitsuba_sensor import InputError
 from mitsuba_sensor.dataset.checks import checked_counts
 from mitsuba_sensor.dataset.file import Distribution
-from mitsuba_sensor.dataset.keys import key_of
-from mitsuba_sensor.dataset.light import exposure_asked
 from mitsuba_sensor.dataset.sweep import Poses, drawn, share_of
 
 POSE = {"origin_m": [0, 0, 1], "target_m": [0, 0, 0]}
@@ -172,41 +170,40 @@ def test_a_draw_is_the_same_for_every_camera_and_row_and_other_for_every_scene()
     assert len(set.union(*found.values())) == 10
 
 
-def test_a_path_goes_through_its_keys_in_even_steps() -> None:
-    keys = [
-        {"time_s": 0, "origin_m": [0, 0, 4], "target_m": [0, 0, 0]},
-        {"time_s": 1, "origin_m": [2, 0, 4], "target_m": [0, 1, 0]},
-        {"time_s": 3, "origin_m": [2, 4, 4], "target_m": [0, 1, 0]},
-    ]
-    file_tables: dict[str, Any] = {
-        "scenes": [{**TABLES["scenes"][0], "path": {"views": 7, "keys": keys}}]
-    }
-    found = [view for view in Poses(plan_of(**file_tables).file.scenes[0]) if view is not None]
-    origins = np.array([view.origin_m for view in found])
-    expected = [[0, 0, 4], [1, 0, 4], [2, 0, 4], [2, 1, 4], [2, 2, 4], [2, 3, 4], [2, 4, 4]]
-    np.testing.assert_allclose(origins, expected, atol=1e-6)
-    np.testing.assert_allclose(
-        [view.target_m[1] for view in found], [0, 0.5, 1, 1, 1, 1, 1], atol=1e-6
-    )
+CORNERS = [[1, 0, 1], [1, 0, -1], [-1, 0, -1], [-1, 0, 1], [1, 0, 1]]
+ROUND = [
+    [1, 0, 1],
+    [1, 0, 0],
+    [1, 0, -1],
+    [0, 0, -1],
+    [-1, 0, -1],
+    [-1, 0, 0],
+    [-1, 0, 1],
+    [0, 0, 1],
+]
 
 
-def test_a_loop_has_each_pose_once() -> None:
-    corners = [[1, 0, 1], [1, 0, -1], [-1, 0, -1], [-1, 0, 1], [1, 0, 1]]
+@pytest.mark.parametrize(
+    ("times_s", "origins", "last_up", "expected"),
+    [
+        ([0, 1, 3], [[0, 0, 4], [2, 0, 4], [2, 4, 4]], [0, 1, 0],
+         [[0, 0, 4], [1, 0, 4], [2, 0, 4], [2, 1, 4], [2, 2, 4], [2, 3, 4], [2, 4, 4]]),
+        (range(5), CORNERS, [0, 1, 0], ROUND),  # a loop has each pose once
+        (range(5), CORNERS, [0, 1, 1], [*ROUND, CORNERS[0]]),
+    ],
+)  # fmt: skip
+def test_a_path_goes_through_its_keys_in_even_steps(
+    times_s: Any, origins: list[list[float]], last_up: list[float], expected: Any
+) -> None:
     keys = [
-        {"time_s": n, "origin_m": corner, "target_m": [0, 0, 0]}
-        for n, corner in enumerate(corners)
+        {"time_s": time_s, "origin_m": origin, "target_m": [0.5, 0, 0]}
+        for time_s, origin in zip(times_s, origins, strict=True)
     ]
-    scene = TABLES["scenes"][0]
-    loop = plan_of(scenes=[{**scene, "path": {"views": 8, "keys": keys}}]).file
-    found = [view.origin_m for view in Poses(loop.scenes[0]) if view is not None]
-    middles = [[1, 0, 0], [0, 0, -1], [-1, 0, 0], [0, 0, 1]]
-    expected = [place for pair in zip(corners, middles, strict=False) for place in pair]
-    np.testing.assert_allclose(found, expected, atol=1e-6)
-    turned = [*keys[:-1], {**keys[-1], "up": [0, 1, 1]}]
-    no_loop = plan_of(scenes=[{**scene, "path": {"views": 9, "keys": turned}}]).file
-    np.testing.assert_allclose(
-        [view.origin_m for view in Poses(no_loop.scenes[0]) if view], [*expected, corners[0]]
-    )
+    keys[-1]["up"] = last_up
+    scene = {**TABLES["scenes"][0], "path": {"views": len(expected), "keys": keys}}
+    found = [view for view in Poses(plan_of(scenes=[scene]).file.scenes[0]) if view is not None]
+    np.testing.assert_allclose([view.origin_m for view in found], expected, atol=1e-6)
+    assert {view.target_m for view in found} == {(0.5, 0.0, 0.0)}
 
 
 @pytest.mark.parametrize("samples", [2_000, exhaustive(1_000_000)])
@@ -267,7 +264,6 @@ def test_draws_with_the_same_choice_of_light_share_it() -> None:
 def test_samples_of_what_moves_share_no_light_that_was_metered_for_another_gain(
     rows: list[dict[str, Any]],
 ) -> None:
-    """Each sample names the light that its own configuration asks for."""
     scene = {**TABLES["scenes"][0], "motion": {"camera": {"velocity_m_per_s": [0.01, 0, 0]}}}
     tables: dict[str, Any] = {
         "scenes": [scene],
@@ -275,16 +271,7 @@ def test_samples_of_what_moves_share_no_light_that_was_metered_for_another_gain(
         "grid": {"camera.adc.black_level_dn": [10, 20]},
     }
     plan = plan_of(**tables)
-    for sweep in plan.sweeps:
-        for number in range(sweep.lights):
-            light = sweep.light(number)
-            for row in range(len(rows)):
-                keys = set()
-                for exposure in range(sweep.exposures(light)):
-                    one = sweep.combination(light, row, 0, exposure)
-                    light_facts = plan.lights.described(
-                        one, plan.cameras.of(one), exposure_asked(one.values)
-                    )
-                    keys.add(key_of(light_facts))
-                assert len(keys) == 1
-    assert len(samples_of([*plan.tasks()])) == 2 * len(rows)
+    samples = samples_of([*plan.tasks()])
+    metered = [one for one in samples if one.values.get("exposure_s", "auto") == "auto"]
+    assert len({one.config["view"] for one in metered}) == len(metered)
+    assert len(samples) == 2 * len(rows)

@@ -79,6 +79,65 @@ LONGEST = 700
 """Characters of a sentence, most of them of lists of names."""
 NEVER: dict[str, tuple[dict[str, Any], str]] = {
     "width of a million": ({"render": {"width": 10**6}}, "from 1 to the film's own 8"),
+    "a film beyond the sensor": (
+        {"cameras": [{"camera": "bayer_2mp", "set": {"sensor.columns": 4}}]},
+        "the film has 8 × 6 pixels, and bayer_2mp has 4 × 1200",
+    ),
+    **{
+        f"[render] {field}": ({"render": {field: 3}}, f"[render] has {field!r}, which {why}")
+        for field, why in {
+            "max_seconds": "would make other samples on another machine",
+            "repeatable": "is always true of a dataset",
+            "luminance": "would scale each view by its own median",
+            "motion": "belongs to the tables of [[scenes]]",
+            "gain": "is varied: gain in [grid]",
+            "widht": "is no field of it. Did you mean 'width'",
+        }.items()
+    },
+    "readouts of no camera": ({"outputs": ["readouts"]}, "reads each pixel once"),
+    "codes that nobody compands": ({"outputs": ["companded"]}, "has companding.knees"),
+    "serial numbers of half": (
+        {"grid": {"serial": [1.5]}},
+        "serial is 1.5; it must be a whole",
+    ),
+    "a repetition that is a text": (
+        {"grid": {"repetition": ["x"]}},
+        "repetition is 'x'; it must",
+    ),
+    "stops by the thousand": (
+        {"grid": {"exposure_ev": [5000]}, "random": None},
+        "must be from -60 to 60",
+    ),
+    "an exposure by name": (
+        {"grid": {}, "list": [{"exposure_s": "fast"}]},
+        "number of seconds, e.g.",
+    ),
+    "a temperature that is true": (
+        {"grid": {"temperature_k": [True]}, "list": []},
+        "must be a number",
+    ),
+    "a reflectance that is a text": ({"grid": {"traverse.x": ["1"]}}, "must be a number"),
+    "a parameter of two numbers": (
+        {"grid": {"parameters.level": [[1, 2]]}},
+        "must be one text or number",
+    ),
+    "no number": ({"grid": {"exposure_s": [math.nan]}}, "nan must be a finite number"),
+    "a number beyond any": ({"grid": {"traverse.x": [[1, 10**400]]}}, "finite numbers only"),
+    "a table of a table": ({"list": [{"camera": {"adc": {"bits": 12}}}]}, "in quotes"),
+    "no frames": ({"grid": {"frames": [0]}}, "a whole number from 1 to 65535"),
+    "one field by two names": (
+        {"grid": {"f_number": [2], "camera.lens.f_number": [4]}, "list": []},
+        "'camera.lens.f_number' twice",
+    ),
+    "a drawn serial that is no whole number": (
+        {"random": {"draws": 1, "values": {"serial": {"uniform": [1, 9]}}}},
+        "serial is ",
+    ),
+    "a camera of nobody": ({"cameras": [{"camera": "bayer2mp"}]}, "Did you mean 'bayer_2mp'?"),
+    "half a pupil of a pinhole": (
+        {"cameras": [{"camera": "bayer_2mp", "set": {"lens.half_pupil": "left"}}]},
+        "half_pupil is 'left'",
+    ),
     "parameter of no scene": ({"grid": {"parameters.foo": [1]}}, "has no parameter 'foo'"),
     "name of nothing in Mitsuba": (
         {"grid": {"traverse.foo": [1.0]}},
@@ -107,15 +166,6 @@ NEVER: dict[str, tuple[dict[str, Any], str]] = {
         {"cameras": [{"camera": "bayer_2mp", "set": {"lens.prescription": "singlet"}}]},
         "set lens.f_number to 7.98 or more",
     ),
-    "a sensor that is none": (
-        {"cameras": [{"camera": "bayer_2mp", "set": {"sensor.columns": 10**9}}]},
-        "sensor.columns is 1000000000; it must be at most 1000000",
-    ),
-    "an exposure longer than any": ({"grid": {"exposure_s": [1e30]}}, "from 0 to 1e+12"),
-    "longer than any with its stops": (
-        {"grid": {"exposure_s": [1e12], "frames": [1]}},
-        "with exposure_ev 1 on top",
-    ),
     "frames beyond any memory": (
         {
             "grid": {"frames": [65535]},
@@ -128,7 +178,6 @@ NEVER: dict[str, tuple[dict[str, Any], str]] = {
         "of memory; take a smaller width or fewer frames",
     ),
     "an output that is none": ({"outputs": ["raw", "jpeg"]}, "outputs.1 is 'jpeg'; it must be"),
-    "two outputs of one name": ({"outputs": ["raw", "raw"]}, "outputs has 'raw' twice"),
     "a picture too small for a DNG": ({"outputs": ["dng"]}, "is too small for a DNG"),
     "a unit that is none": (
         {"scenes": [{**RIGHT["scenes"][0], "scene_unit": "x"}]},
@@ -168,10 +217,6 @@ NEVER: dict[str, tuple[dict[str, Any], str]] = {
     "chips beyond counting": (
         {"splits": {**RIGHT["splits"], "chips": 10**40}},
         "splits.chips is 1",
-    ),
-    "no aperture": (
-        {"list": [{"camera.lens.f_number": 1e-30}]},
-        "lens.f_number is 1e-30; it must be at least 0.01",
     ),
 }
 
@@ -231,12 +276,12 @@ def refusal(ask: Callable[[], object]) -> str:
 
 
 @pytest.mark.parametrize(
-    ("seed", "files"), [(0, 30), *(exhaustive(seed, 100) for seed in (1, 2, 3))]
+    ("seed", "files"), [(0, 15), *(exhaustive(seed, 100) for seed in (1, 2, 3))]
 )
 def test_whatever_a_field_is_a_plan_and_a_run_refuse_it_with_one_sentence(
     seed: int, files: int, scenes: Path, tmp_path: Path
 ) -> None:
-    """One of 80 fields is left out or has one of 32 absurd values, in 330 files."""
+    """One of 80 fields is left out or has one of 32 absurd values, in 315 files."""
     chance, refused, out = random.Random(seed), 0, tmp_path / "out"
     for _ in range(files):
         place = chance.choice([*places(RIGHT)])
@@ -272,10 +317,10 @@ def test_what_can_never_be_made_is_refused_by_plan_and_run(
 ) -> None:
     changes, sentence = NEVER[name]
     tables, out = RIGHT | changes, tmp_path / "out"
-    if "scenes" in changes:
+    if "scenes" in changes or "serial" in str(changes):
         del tables["splits"]  # of which one scene has none
     said = refusal(lambda: counts_of(plan_of(tables, scenes)))
-    assert sentence in said
+    assert sentence in said, said
     assert refusal(lambda: run(plan_of(tables, scenes), out, workers=0)) == said
     assert not out.exists()
 

@@ -1,4 +1,4 @@
-"""Datasets of cameras with several readouts, made and read back: combined code, companded codes; polarisers."""
+"""Datasets of cameras with several readouts: combined and companded codes; polarisers; dual pixels."""
 
 from __future__ import annotations
 
@@ -88,19 +88,6 @@ def test_the_card_has_the_noise_of_each_readout(dataset: ms.Dataset) -> None:
     assert [row[1:] for row in found.values()] == [["–", "–"]]
 
 
-@pytest.mark.parametrize(
-    ("output", "said"), [("readouts", "reads each pixel once"), ("companded", "knees")]
-)
-def test_what_no_camera_has_is_refused_before_anything_is_rendered(
-    tmp_path: Path, output: str, said: str
-) -> None:
-    text = TEXT.replace(SPLIT, "bayer_2mp")
-    outputs = f'outputs = ["raw", "{output}"]'
-    text = text.replace(next(x for x in text.splitlines() if x.startswith("outputs")), outputs)
-    with pytest.raises(ms.InputError, match=said):
-        make_dataset(written(tmp_path, text), tmp_path / "out", workers=0)
-
-
 def test_staggered_cameras_of_a_moving_scene_have_a_render_of_their_own(tmp_path: Path) -> None:
     cameras = """cameras = [
     { camera = "sony_imx174", name = "plain" },
@@ -158,3 +145,34 @@ def test_a_camera_with_polarisers_beside_another_sees_what_it_sees_alone(
     for ignore in (False, True):
         near, far = (np.std(seen[ignore] - alone[one]) for one in (ignore, not ignore))
         assert near < 0.5 * far
+
+
+HALVES = """
+name = "halves"
+outputs = ["raw", "readouts", "preview"]
+render = { spp = 4, width = 24 }
+scenes = [{ name = "still", file = "still_life" }]
+cameras = [
+    { name = "plain", camera = "sony_imx174" },
+    { name = "dual", camera = "sony_imx174", set = { "sensor.dual_pixel" = true } },
+]
+grid.exposure_s = [0.01]
+"""
+
+
+def test_dual_pixels_have_a_render_of_their_own(tmp_path: Path) -> None:
+    """A camera with one photodiode renders the whole pupil, which has no halves."""
+    assert len({task.light_key for task in load_plan(written(tmp_path, HALVES)).tasks()}) == 2
+
+
+@pytest.mark.exhaustive
+def test_samples_have_both_photodiodes_which_see_different_halves(tmp_path: Path) -> None:
+    """Differences of left and right are far above those of two photodiodes in the same light (shot noise of 4 % and
+    less): so few light paths differ."""
+    assert not make_dataset(written(tmp_path, HALVES), tmp_path / "out", workers=0).failed
+    (sample,) = (one for one in ms.Dataset(tmp_path / "out") if one.has("readouts.tiff"))
+    readouts = sample.readouts
+    assert list(readouts) == ["left", "right", "left and right"]
+    left, right = (readouts[name].astype(float) for name in ("left", "right"))
+    np.testing.assert_array_equal(readouts["left and right"], sample.read("raw"))
+    assert np.abs(left - right).mean() > 0.1 * (left + right).mean()

@@ -5,12 +5,12 @@ Oracles: poses by their definition, a ball that moves evenly, a lamp that flicke
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers.datasets import toml_text
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.dataset import make_dataset
@@ -49,7 +49,7 @@ def written(folder: Path, tables: dict[str, Any] | None = None, **scene: Any) ->
     (folder / "pair.xml").write_text(SCENE, "utf-8")
     entry = {"name": "pair", "file": "pair.xml", **scene}
     (folder / "rig.toml").write_text(
-        toml({**TABLES, **(tables or {}), "scenes": [entry]}), "utf-8"
+        toml_text({**TABLES, **(tables or {}), "scenes": [entry]}), "utf-8"
     )
     return folder / "rig.toml"
 
@@ -61,19 +61,6 @@ def plan_of(folder: Path, tables: dict[str, Any] | None = None, **scene: Any) ->
 def made(folder: Path, tables: dict[str, Any] | None = None, **scene: Any) -> list[ms.Sample]:
     make_dataset(written(folder, tables, **scene), folder / "made", roots=[folder], workers=0)
     return [*ms.Dataset(folder / "made")]
-
-
-def toml(tables: dict[str, Any]) -> str:
-    """TOML of tables, each value on its line."""
-    return "\n".join(f"{name} = {inline(value)}" for name, value in tables.items())
-
-
-def inline(value: Any) -> str:
-    if isinstance(value, dict):
-        return f"{{ {', '.join(f'{json.dumps(n)} = {inline(x)}' for n, x in value.items())} }}"
-    if isinstance(value, list):
-        return f"[{', '.join(map(inline, value))}]"
-    return json.dumps(value)
 
 
 def test_each_pose_is_seen_by_each_sensor_at_its_time(tmp_path: Path) -> None:
@@ -168,20 +155,20 @@ def test_sensors_are_placed_named_and_listed_as_the_file_says(tmp_path: Path) ->
             r"two samples are the same \(.*view 0.*; and .*view 1.*give views another time_s",
         ),
         ({"views": [{"time_s": 1}, {"time_s": 1}]}, r"are the same \(.*view 0.*; and .*view 1"),
+        (
+            {"path": PATH, "render": {"spp": 2, "start_s": 0.5}},
+            r"\[render\] has start_s, and the views of scene",
+        ),
     ],
 )
 def test_what_no_rig_and_no_time_can_be_is_refused(
     tmp_path: Path, scene: dict[str, Any], sentence: str
 ) -> None:
+    scene = dict(scene)
+    tables = {"render": scene.pop("render")} if "render" in scene else None
     with pytest.raises(ms.InputError, match=sentence):
-        make_dataset(written(tmp_path, None, **scene), tmp_path / "out", roots=[tmp_path])
+        make_dataset(written(tmp_path, tables, **scene), tmp_path / "out", roots=[tmp_path])
     assert not (tmp_path / "out").exists()
-
-
-def test_start_s_of_the_render_beside_times_of_views_is_refused(tmp_path: Path) -> None:
-    render = {"spp": 2, "start_s": 0.5}
-    with pytest.raises(ms.InputError, match=r"\[render\] has start_s, and the views of scene"):
-        plan_of(tmp_path, {"render": render}, path=PATH)
 
 
 @pytest.mark.parametrize("by", [["scene", "view"], ["scene", "parameters.baseline"]])

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
+from helpers.datasets import plan_of
 from helpers.scenes import SKY, scene_text
 
 import mitsuba_sensor as ms
@@ -69,6 +71,19 @@ def test_the_value_of_a_parameter_that_varies_is_below_the_roots(folder: Path) -
     with pytest.raises(ms.InputError, match="outside of the folders"):
         planned(folder, scene=elsewhere)
     assert planned(folder, scene=elsewhere, untrusted=False) == 1
+
+
+def test_what_is_in_a_file_that_a_parameter_names_is_in_the_key(folder: Path) -> None:
+    defaults = '<default name="mesh" value="a.ply"/><default name="level" value="1"/>'
+    (folder / "scene.xml").write_text(scene_text(defaults, SKY, SECRET.format("$mesh")))
+    rows = [{"parameters.mesh": "a.ply"}, {"parameters.mesh": "b.ply"}, {"parameters.level": 2}]
+    tables: dict[str, Any] = {"scenes": [{"name": "one", "file": "scene.xml"}], "list": rows}
+    keys = []
+    for content in ("one", "other"):
+        (folder / "a.ply").write_text("a")
+        (folder / "b.ply").write_text(content)
+        keys.append([task.light_key for task in plan_of(folder, **tables).tasks()])
+    assert [one == other for one, other in zip(*keys, strict=True)] == [True, False, True]
 
 
 @pytest.mark.parametrize("how", ["in the camera file", "by name", "as a table"])

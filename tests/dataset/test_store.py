@@ -18,8 +18,7 @@ from helpers.marks import exhaustive
 from mitsuba_sensor import InputError
 from mitsuba_sensor.dataset.run import run
 from mitsuba_sensor.dataset.store import RECORD, Store, record_of
-from mitsuba_sensor.dataset.table import Table
-from mitsuba_sensor.dataset.verify import remove_faults, verify
+from mitsuba_sensor.dataset.table import Table, remove_faults, verify
 
 __all__ = ["no_renders"]
 Cli = Callable[..., Any]
@@ -204,14 +203,14 @@ def test_another_format_or_version_is_refused_with_both_named(field: str, made: 
     changed = record.model_copy(update={field: other[field]})
     (made / RECORD).write_bytes(changed.content())
     before = contents(made)
-    with pytest.raises(InputError, match=r"99.*" + ("5" if field == "format" else r"3\.9")):
+    with pytest.raises(InputError, match=r"99.*" + ("6" if field == "format" else r"3\.9")):
         run(plan_of(grid=LIGHTS), made, workers=0, progress=False)
     assert contents(made) == before
 
 
 def test_what_is_no_dataset_says_so(tmp_path: Path, cli: Cli) -> None:
     (tmp_path / "shards").mkdir()
-    (tmp_path / RECORD).write_text(json.dumps({"format": 5}))
+    (tmp_path / RECORD).write_text(json.dumps({"format": 6}))
     for command in ("status", "verify"):
         done = cli("dataset", command, tmp_path)
         assert done.exit_code == 2 and "there is no dataset in" in done.stderr

@@ -84,48 +84,6 @@ def test_the_same_settings_have_the_same_key(
     assert keys(**one) == keys(**other)
 
 
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"grid": {"serial": [1.5]}}, r"serial is 1\.5; it must be a whole number"),
-        ({"grid": {"serial": ["x"]}}, "serial is 'x'; it must be a whole number"),
-        ({"grid": {"repetition": ["x"]}}, "repetition is 'x'; it must be a whole number"),
-        ({"grid": {"exposure_ev": [5000]}}, "exposure_ev is 5000; it must be from -60 to 60"),
-        (
-            {"list": [{"exposure_s": "fast"}]},
-            "exposure_s is 'fast'; it must be a number of seconds, .* or 'auto'",
-        ),
-        ({"grid": {"temperature_k": [True]}}, "temperature_k is True; it must be a number"),
-        ({"grid": {"traverse.x": ["1"]}}, r"traverse\.x is '1'; it must be a number"),
-        (
-            {"grid": {"parameters.radiance": [[1, 2]]}},
-            r"parameters\.radiance is \[1\.0, 2\.0\]; it must be one text",
-        ),
-        (
-            {"grid": {"exposure_s": [float("nan")]}},
-            r"exposure_s\.0: nan must be a finite number",
-        ),
-        ({"grid": {"traverse.x": [[1, 10**400]]}}, r"x\.0: .* must have finite numbers only"),
-        ({"list": [{"camera": {"adc": {"bits": 12}}}]}, "put a name with dots in quotes"),
-        ({"grid": {"frames": [0]}}, "frames is 0; it must be a whole number from 1 to 65535"),
-        (
-            {"grid": {"f_number": [2], "camera.lens.f_number": [4]}},
-            r"'camera\.lens\.f_number' twice",
-        ),
-        (
-            {"random": {"draws": 1, "values": {"serial": {"uniform": [1, 9]}}}},
-            "serial is .*; it must be a whole number",
-        ),
-        ({"cameras": [{"camera": "bayer2mp"}]}, r"cameras list.*Did you mean 'bayer_2mp'\?"),
-    ],
-)
-def test_a_value_that_cannot_be_is_refused_before_anything_is_made(
-    changes: dict[str, Any], says: str
-) -> None:
-    with pytest.raises(ms.InputError, match=says):
-        samples(**changes)
-
-
 def test_too_many_samples_are_refused_before_they_are_listed() -> None:
     grid = {
         name: [*range(1000)] for name in ("temperature_k", "repetition", "serial", "frames")
@@ -135,25 +93,6 @@ def test_too_many_samples_are_refused_before_they_are_listed() -> None:
         ms.InputError, match="1000000000000 samples; it can have at most 1000000000"
     ):
         samples(grid=grid)
-    scenes = [
-        {"name": n, "file": "flat_field.xml", "parameters": {"exposure_s": k + 1}}
-        for k, n in enumerate("ab")
-    ]
-    with pytest.raises(ms.InputError, match="at most 1000000000"):
-        samples(scenes=scenes, splits={"shares": {"a": 0.5, "b": 0.5}, "chips": 10**9})
-
-
-def test_a_row_without_a_serial_number_is_of_chip_one() -> None:
-    scenes = [
-        {"name": n, "file": "flat_field.xml", "parameters": {"exposure_s": k + 1}}
-        for k, n in enumerate("ab")
-    ]
-    rows = [{"serial": 1}, {"serial": 2}, {"temperature_k": 300}]
-    found = samples(scenes=scenes, splits={"shares": {"a": 0.5, "b": 0.5}}, list=rows)
-    chips = {
-        split: {one.config["serial"] for one in found if one.split == split} for split in "ab"
-    }
-    assert chips["a"] & chips["b"] == set() and len(found) == 3
 
 
 def test_a_camera_that_a_dataset_names_has_nothing_of_the_scene(

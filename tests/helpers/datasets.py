@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from mitsuba_sensor.dataset import overview, run
+from mitsuba_sensor.dataset import card, run
 from mitsuba_sensor.dataset.cameras import Folders
 from mitsuba_sensor.dataset.engine import Job
 from mitsuba_sensor.dataset.file import read_dataset_text
@@ -63,7 +63,7 @@ def samples_of(tasks: list[Task]) -> list[PlannedSample]:
 
 def make_quickly(store: Store, record: Record, task: Task) -> None:
     """Commit a task whose files follow from its keys: no render."""
-    exposed = {"exposure_s": 0.1, "system_gain_dn_per_e": 0.5, "black_level_dn": 1.0}
+    exposed = {"exposed_s": 0.1, "system_gain_dn_per_e": 0.5, "black_level_dn": 1.0}
 
     def samples() -> Any:
         for x in task.samples:
@@ -107,7 +107,7 @@ def no_renders(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Tasks of runs are made by :func:`make_quickly`, and nothing is written for people."""
     monkeypatch.setattr(run, "Job", lambda *given: Job(*given, make=make_quickly))
     monkeypatch.setattr(run, "check_scenes", lambda plan: None)
-    monkeypatch.setattr(overview, "write_overview", lambda *given: overview.CardNotes())
+    monkeypatch.setattr(card, "write_overview", lambda *given: "")
     return monkeypatch
 
 

@@ -1,4 +1,4 @@
-"""Small datasets as exports need them: a path of two sensors, two cameras, variants of a world, spectra and AOVs."""
+"""Small datasets as exports need them: a path of two sensors, variants of a world, spectra and AOVs."""
 
 from __future__ import annotations
 
@@ -22,10 +22,7 @@ licence = "CC0-1.0"
 outputs = ["raw", "clean", "variance", "electrons", "preview", "aovs", "irradiance"]
 render = { spp = 4, denoise = false, spectral = "cube" }
 grid = { frames = [2], "parameters.height" = [0, 0.5] }
-cameras = [
-    { camera = "konnik_table1", set = { "lens.distortion" = [-0.1, 0.02, 0.002, -0.001, 0] } },
-    { camera = "bayer_2mp" },
-]
+cameras = [{ camera = "bayer_2mp", set = { "lens.distortion" = [-0.1, 0.02, 0.002, -0.001, 0] } }]
 [[scenes]]
 name = "flight"
 file = "perspective.xml"

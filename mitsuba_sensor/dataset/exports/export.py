@@ -20,7 +20,8 @@ from ...files.whole_folder import appearing_folder, inside
 from ..card import write_card
 from ..file import DatasetFile, read_dataset_text
 from ..keys import Facts
-from ..read import IMAGES, PICTURE, Dataset, Sample
+from ..read import IMAGES, Dataset, Sample
+from ..values import PICTURE
 from .formats import FORMATS, ExportOptions
 
 PNG_BITS_MAX = 16

@@ -14,8 +14,9 @@ from pathlib import PurePath
 from ...core import InputError
 from ...files.parquet import Kind, Row
 from ...files.parquet_shards import write_parquet_shards
-from ..read import FACTS, IMAGES, PICTURE, Dataset
+from ..read import FACTS, IMAGES, Dataset
 from ..table import EXPOSED, PLACES, kinds_of, value_cells
+from ..values import PICTURE
 from .export import Job
 from .webdataset import npy
 

@@ -73,11 +73,10 @@ class ImageSequence:
         """What no file of other programs holds: settings, and key, split and time of each frame of each camera."""
         cameras = []
         for name, frames in self.cameras.items():
-            samples = [frame.sample for frame in frames]
-            times = [{n: x for n, x in one.values.items() if n == "time_s"} for one in samples]
             about = [
-                {"key": one.key, "split": one.split, **time}
-                for one, time in zip(samples, times, strict=True)
+                {"key": one.key, "split": one.split}
+                | {n: x for n, x in one.values.items() if n == "time_s"}
+                for one in (frame.sample for frame in frames)
             ]
             cameras.append({"camera": name, "frames": about})
         return {
@@ -122,7 +121,7 @@ def worlds(job: Job) -> dict[str, list[Posed]]:
     groups: dict[tuple[str, str], list[Posed]] = {}
     unposed: dict[tuple[str, str], list[Sample]] = {}
     for sample in job.samples:
-        facts = sample.facts_once()
+        facts = sample.facts
         scene, config, light = facts["view"]["scene"], facts["view"]["config"], facts["light"]
         try:
             pitch_um = facts["config"]["camera"]["pixel"]["pitch_x_um"]
@@ -146,16 +145,17 @@ def worlds(job: Job) -> dict[str, list[Posed]]:
 
 
 def sequences(job: Job) -> list[ImageSequence]:
-    """All sequences of a dataset. Times that not every camera of a sequence has are left out, and samples that no
-    calibration can describe; remarks say which. Raises InputError where none remains."""
+    """All sequences of a dataset. Cameras that have other views, or do not keep their places beside each other, have
+    sequences of their own. Samples that no calibration can describe are left out; remarks say which. Raises InputError
+    where none remains."""
     found = list[ImageSequence]()
     for world, posed in worlds(job).items():
         for cameras in _same_settings(posed):
-            if set.intersection(*map(set, cameras.values())):
-                found += _sequences_of(job, world, cameras)
-            else:
-                for name, frames in cameras.items():
-                    found += _sequences_of(job, world, {name: frames})
+            first, *others = (sorted(frames) for frames in cameras.values())
+            rigs = [cameras]
+            if any(views != first for views in others) or not _is_rigid(cameras):
+                rigs = [{name: frames} for name, frames in cameras.items()]
+            found += [_sequence(job, world, rig) for rig in rigs]
     return found
 
 
@@ -174,48 +174,31 @@ def _same_settings(samples: Sequence[Posed]) -> list[dict[str, dict[int, Posed]]
     return [*groups.values()]
 
 
-def _sequences_of(
+def _sequence(
     job: Job, world: str, cameras: Mapping[str, Mapping[int, Posed]]
-) -> list[ImageSequence]:
-    """One sequence of the views that all cameras have, in the order of time; one for each camera where they do not keep
-    their places relative to each other."""
-    views = sorted(set.intersection(*map(set, cameras.values())))
+) -> ImageSequence:
+    """The sequence of cameras that have the same views, in the order of time."""
     first = next(iter(cameras.values()))
-    values = first[views[0]].sample.values
+    views, values = sorted(first), next(iter(first.values())).sample.values
     times = [first[view].sample.values.get("time_s") for view in views]
     if None in times or len({*times}) < len(times):
         times_s = FRAME_PERIOD_S * np.array(views, float)
         if len(views) > 1:
-            scene = values.get("scene")
             job.remark(
-                f"views of scene {scene} have no times of their own: its frames are {FRAME_PERIOD_S:g} s apart"
+                f"views of scene {values.get('scene')} have no times of their own: its frames are {FRAME_PERIOD_S:g} s "
+                "apart"
             )
     else:
         order = np.argsort(np.array(times, float))
-        times_s = np.array(times, float)[order]
-        times_s, views = times_s - times_s[0], [views[place] for place in order]
-    rest = [
-        x.sample
-        for frames in cameras.values()
-        for view, x in frames.items()
-        if view not in views
-    ]
-    if rest:
-        job.leave_out(rest, f"scene {values.get('scene')}", "not every camera has these views")
+        times_s, views = np.array(times, float)[order], [views[place] for place in order]
+        times_s -= times_s[0]
     rig = {name: [frames[view] for view in views] for name, frames in cameras.items()}
     common = {name: x for name, x in values.items() if name not in FRAME_SETTINGS}
-    if _is_rigid(rig):
-        return [ImageSequence(world, common, times_s, rig)]
-    job.remark(
-        f"cameras of {world} do not keep their places beside each other: each has a sequence of its own"
-    )
-    return [
-        ImageSequence(world, common, times_s, {name: frames}) for name, frames in rig.items()
-    ]
+    return ImageSequence(world, common, times_s, rig)
 
 
-def _is_rigid(rig: Rig) -> bool:
-    """Return True if the cameras keep their places relative to the first one."""
-    poses = np.array([[frame.pose for frame in frames] for frames in rig.values()])
+def _is_rigid(cameras: Mapping[str, Mapping[int, Posed]]) -> bool:
+    """Return True if cameras that have the same views keep their places relative to the first one."""
+    poses = np.array([[x[view].pose for view in sorted(x)] for x in cameras.values()])
     relative = np.linalg.inv(poses[0]) @ poses
     return bool(np.abs(relative - relative[:, :1]).max() <= RIG_TOLERANCE)

@@ -9,8 +9,9 @@ import io
 
 import numpy as np
 
-from ..read import FACTS, PICTURE, Sample
+from ..read import FACTS, Sample
 from ..store import member_bytes
+from ..values import PICTURE
 from .export import Job
 
 HOW = """import webdataset as wds

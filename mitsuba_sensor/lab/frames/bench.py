@@ -132,7 +132,8 @@ class Bench:
     def change(self, change: Callable[[Sequence[Stack]], Sequence[Stack]]) -> Bench:
         """This bench with the stacks of each kind changed by a function."""
         kinds = self.biases, self.darks, self.flats, self.scenes
-        return Bench(*(tuple(change(kind)) for kind in kinds), self.wavelength_nm, self.notes)
+        biases, darks, flats, scenes = (tuple(change(kind)) for kind in kinds)
+        return Bench(biases, darks, flats, scenes, self.wavelength_nm, self.notes)
 
 
 def read_bench(
@@ -173,13 +174,11 @@ def read_bench(
         stacks: dict[Kind, list[Stack]] = {kind: [] for kind in KINDS}
         for kind, stack in _stacks(frame_files, facts, spool):
             stacks[kind].append(stack)
-    for of_kind in stacks.values():
-        of_kind.sort(key=_order_of_settings)
-    return Bench(
-        *(tuple(of_kind) for of_kind in stacks.values()),
-        facts.get("wavelength_nm"),
-        (*notes, *_note_short(frame_files)),
+    biases, darks, flats, scenes = (
+        tuple(sorted(of_kind, key=_order_of_settings)) for of_kind in stacks.values()
     )
+    notes = (*notes, *_note_short(frame_files))
+    return Bench(biases, darks, flats, scenes, facts.get("wavelength_nm"), notes)
 
 
 def readouts_of_bench(path: str | os.PathLike[str]) -> tuple[str, ...]:

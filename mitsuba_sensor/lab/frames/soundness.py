@@ -101,6 +101,7 @@ def _without_saturated_darks(bench: Bench) -> tuple[Bench, str]:
 def _mean_and_variance(stack: Stack) -> tuple[float, float]:
     """Mean [DN] and temporal variance within rows [DN²] at the centre: light that flickers is no noise."""
     frames = stack.centre(SEEN).frames[:SEEN_FRAMES].astype(np.float64)
+    stack.release()
     mean = float(frames.mean())
     frames -= frames.mean(axis=2, keepdims=True)
     return mean, float(frames.var(axis=0, ddof=1).mean())

@@ -162,7 +162,7 @@ class Stack:
     @cached_property
     def mean(self) -> Float64Array:
         """Mean of each pixel over the frames, (H, W) [DN]."""
-        return np.asarray(self.frames.mean(axis=0, dtype=np.float64))
+        return self._mean_over(0)
 
     @cached_property
     def variance(self) -> Float64Array:
@@ -251,17 +251,22 @@ class Stack:
     @cached_property
     def frame_means(self) -> Float64Array:
         """Mean of each frame over its pixels, (N,) [DN]: light that drifts shows here."""
-        return np.asarray(self.frames.mean(axis=(1, 2), dtype=np.float64))
+        return self._mean_over((1, 2))
 
     @cached_property
     def row_means(self) -> Float64Array:
         """Mean of each row of each frame, (N, H) [DN]."""
-        return np.asarray(self.frames.mean(axis=2, dtype=np.float64))
+        return self._mean_over(2)
 
     @cached_property
     def column_means(self) -> Float64Array:
         """Mean of each column of each frame, (N, W) [DN]."""
-        return np.asarray(self.frames.mean(axis=1, dtype=np.float64))
+        return self._mean_over(1)
+
+    def _mean_over(self, axis: int | tuple[int, int]) -> Float64Array:
+        means = np.asarray(self.frames.mean(axis=axis, dtype=np.float64))
+        self.release()
+        return means
 
     def strips(self) -> Iterator[slice]:
         """Rows that are worked on at once."""

@@ -116,14 +116,18 @@ class _Points(NamedTuple):
         whole = np.diag(own**2 + by_mean**2) + self.shared[0] + gain**2 * self.shared[1]
         return np.asarray(whole[np.ix_(used, used)])
 
+    def without_gain(self, why: str, clipped: bool = False) -> PhotonTransfer:
+        """The curve without K.  clipped : whether clipping is why."""
+        gain, initial = (unknown(one, why, clipped) for one in (GAIN, INITIAL_GAIN))
+        return PhotonTransfer(gain, initial, *self[:5])
+
     def fit(self, clipped: str, notes: Sequence[str] = ()) -> PhotonTransfer:
         """K.  clipped : why points are left out, or nothing."""
         used = self.fitted
         x, y = self.signal[used], self.variance[used]
         if not used.any() or self.peak.mean[0] <= 0 or not (y > 0).any():
             why = clipped or "no level lies between darkness and 70 % of saturation"
-            nothing = [unknown(one, why, bool(clipped)) for one in (GAIN, INITIAL_GAIN)]
-            return PhotonTransfer(*nothing, *self[:5])
+            return self.without_gain(why, bool(clipped))
         slope = float(np.median((y / np.maximum(x, 1e-300))[x > 0])) if (x > 0).any() else 0.0
         for _ in range(4):
             line = line_through_origin(x, y, self.covariance(max(slope, 1e-12)))
@@ -158,9 +162,7 @@ def photon_transfer(measured: Series) -> PhotonTransfer:
         ),
     )
     if within.any() and measured.coarse[within].all():
-        why = measured.flats[int(np.argmax(within))].coarse
-        nothing = [unknown(one, why) for one in (GAIN, INITIAL_GAIN)]
-        return PhotonTransfer(*nothing, *points[:5])
+        return points.without_gain(measured.flats[int(np.argmax(within))].coarse)
     return points.fit(measured.why_clipped(within))
 
 

@@ -124,8 +124,8 @@ def polarization(
     return Polarization(
         *np.moveaxis(stokes, -1, 0),
         *maps,
-        Quantity("DoLP", "degree of linear polarisation", *degree, "", SECTION),
-        Quantity("AoLP", "angle of linear polarisation", *angle, "°", SECTION),
+        mean_dolp=Quantity("DoLP", "degree of linear polarisation", *degree, "", SECTION),
+        mean_aolp=Quantity("AoLP", "angle of linear polarisation", *angle, "°", SECTION),
     )
 
 

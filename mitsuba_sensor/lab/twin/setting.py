@@ -192,7 +192,7 @@ def fit_setting(bench: Bench) -> Setting:
     if temperature is not None and math.isfinite(temperature.doubling.value):
         doubling = Fitted(temperature.doubling, frames_of(*darks))
     known_bits = [stack.bits for stack in bench.stacks if stack.bits]
-    largest = max(float(stack.frames.max()) for stack in bench.stacks)
+    largest = max(stack.clipping.largest for stack in bench.stacks)
     return Setting(
         name=bench.gains[0],
         shape=bench.stacks[0].shape,
