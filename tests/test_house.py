@@ -483,7 +483,7 @@ TOKENS_MAX = {
     "bench": 23369,
     "benchmarks": 31961,
     "camera": 24845,
-    "cli": 21450,
+    "cli": 21460,
     "core": 24509,
     "dataset": 43070,
     "examples": 8782,

@@ -244,8 +244,11 @@ def fpn_maps(
     path = new_file(out_file, "camera1.npz")
     camera = camera_of(flags)
     shape = []
-    for name, pixels in (("rows", camera.sensor.rows), ("width", camera.sensor.columns)):
-        size, of_camera = first_given(asked[name], pixels), f"pixels, those of {camera.name}"
+    for name, wanted, pixels in (
+        ("rows", asked["rows"], camera.sensor.rows),
+        ("width", asked["width"], camera.sensor.columns),
+    ):
+        size, of_camera = first_given(wanted, pixels), f"pixels, those of {camera.name}"
         shape.append(int(require(name, size, 1, pixels, f"{of_camera} at most")))
     found = ms.fpn_maps(camera, (shape[0], shape[1]), serial=asked["serial"])
     write_fpn_maps(path, found)

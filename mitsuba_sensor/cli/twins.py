@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..lab.frames.bench import Bench
     from ..pages.page import Study
 
-    Maps = dict[str, Mapping[str, Float64Array]]
+    Maps = Mapping[str, Mapping[str, Float64Array]]
 
 PANEL = "Laboratory"
 
