@@ -69,7 +69,7 @@ def test_a_folder_becomes_a_camera_file_with_maps_and_a_page(
     assert dark.digital.mean() == pytest.approx(
         np.load(frames / "dark_short.npy").mean(), abs=1
     )
-    assert "<svg" in (tmp_path / "mine.html").read_text("utf-8")
+    assert "data:image/svg+xml" in (tmp_path / "mine.html").read_text("utf-8")
     assert run("--frames", frames, "-o", tmp_path / "mine.toml")[0] == 2, "needs --force"
 
 
