@@ -26,11 +26,11 @@ from .optics.waveform import pwm as pwm
 from .optics.waveform import sine as sine
 from .output.frames import Frames as Frames
 from .output.light_files import read_irradiance as read_irradiance
+from .render.light.foreign_light import light_from_rgb as light_from_rgb
 from .render.light.irradiance import Irradiance as Irradiance
 from .render.light.photons import collect as collect
 from .render.light.photons import gradient_light as gradient_light
 from .render.light.photons import uniform_light as uniform_light
-from .render.light.rgb_light import light_from_rgb as light_from_rgb
 from .render.passes.prepared import render as render
 from .render.plugins.digital import digital as digital
 from .render.plugins.digital import raw_log_likelihood as raw_log_likelihood

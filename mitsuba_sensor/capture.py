@@ -43,8 +43,7 @@ from .output.frames import Frames, notes_after_render
 from .render.light.irradiance import Irradiance
 from .render.light.light_source import CollectedLight
 from .render.motion.aovs import Aovs
-from .render.passes.stop_criterion import Progress
-from .render.passes.told import told_progress
+from .render.passes.stop_criterion import Progress, told_progress
 from .render.scene.parse_scene import SceneInput, parse_sensors, refuse_one_place
 from .render.scene.parsed_scene import ParsedScene
 from .render.variants import restores_variant

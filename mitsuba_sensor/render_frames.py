@@ -15,8 +15,7 @@ from .output.frames import Frames, notes_after_render
 from .render.light.irradiance import Irradiance
 from .render.options import FrameSeriesOptions
 from .render.passes.per_frame import FrameSeries
-from .render.passes.stop_criterion import Progress
-from .render.passes.told import told_progress
+from .render.passes.stop_criterion import Progress, told_progress
 from .render.scene.parse_scene import SceneInput
 from .render.scene.parsed_scene import ParsedScene
 from .render.variants import computed_in, restores_variant

@@ -479,7 +479,7 @@ def test_help_cameras_and_completion_import_only_what_they_show() -> None:
 LINES_OF_A_MODULE, PARAMETERS = 420, 8
 
 TOKENS_MAX = {
-    ".": 8068,
+    ".": 8054,
     "bench": 23369,
     "benchmarks": 31961,
     "camera": 24845,
@@ -488,17 +488,17 @@ TOKENS_MAX = {
     "dataset": 43070,
     "examples": 8782,
     "files": 19161,
-    "gradient": 4248,
+    "gradient": 4264,
     "lab": 67856,
     "optics": 17471,
     "output": 25580,
     "pages": 3350,
-    "render": 79768,
+    "render": 80010,
     "reproduction": 12087,
     "sensor": 13941,
-    "stages": 32746,
+    "stages": 32875,
     "study": 9256,
-    "tests": 357454,
+    "tests": 358220,
     "theory": 14658,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

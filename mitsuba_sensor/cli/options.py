@@ -13,8 +13,8 @@ from ..camera.shipped import DEFAULT_CAMERA
 from ..capture_options import CaptureOptions
 from ..core import require_seed
 from ..core.options import Declared, Option, declared
-from ..render.limits import MOST_IN_ALL
 from ..render.options import FileOptions, RenderOptions, SceneOptions
+from ..render.samples import MOST_IN_ALL
 from ..render.variants import VARIANTS
 from ..sensor.options import PERCENTILE, SHARE, FrameOptions, Gain, SensorOptions
 from .arguments import OUTPUT

@@ -88,7 +88,7 @@ def render_progress(
 ) -> Iterator[Callable[[RenderProgress], None]]:
     """A bar over a render and its frames, with the noise ratio as it falls. Yields what ``capture`` takes as its
     progress."""
-    from ..render.passes.told import Series
+    from ..render.passes.stop_criterion import Series
 
     series = Series(options)
     with share_bar(console, now) as tell:

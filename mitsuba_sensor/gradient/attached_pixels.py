@@ -84,10 +84,13 @@ class AttachedPixels:
         slopes = self._slopes(mean_and_variance)
         return slopes.attached(self.light_e, self.changes, codes.astype(np.float64))
 
-    def log_likelihood(self, codes: Float64Array) -> Array:
-        """Logarithm of the chance of these codes (H, W), (H·W). Raises InputError for a chain without a closed form."""
+    def log_likelihood(self, codes: Float64Array, render_e2: Float64Array) -> Array:
+        """Logarithm of the probability of these codes (H, W), (H·W), if the light has this render variance (H, W).
+        Raises InputError for a chain without a closed form."""
         try:
-            return self._slopes(chance_of(codes)).attached(self.light_e, self.changes)
+            return self._slopes(chance_of(codes, render_e2)).attached(
+                self.light_e, self.changes
+            )
         except NotStraight as reason:
             raise InputError(
                 f"the likelihood of a code of {self.camera.name} is not known, because {reason}; "

@@ -76,11 +76,14 @@ def mean_and_variance(stages: Chain, light: Electrons, frame: Frame) -> Float64A
     return np.array([mean, variance], np.float64)
 
 
-def chance_of(codes: Float64Array) -> Law:
-    """Logarithm of the chance of these codes (H, W). The law raises NotStraight."""
+def chance_of(codes: Float64Array, render_e2: Float64Array) -> Law:
+    """Logarithm of the probability of these codes (H, W). The law raises NotStraight.
+
+    render_e2 : (H, W) variance of the mean photoelectrons, which the render estimates.
+    """
 
     def law(stages: Chain, light: Electrons, frame: Frame) -> Float64Array:
-        found = log_chance(line_of(stages, light, frame), codes.ravel())
+        found = log_chance(line_of(stages, light, frame), codes.ravel(), render_e2.ravel())
         return found.reshape(1, *codes.shape)
 
     return law

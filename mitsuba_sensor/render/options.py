@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 from ..core import InputError
 from ..core.options import Option
 from ..sensor.options import FrameOptions, Gain, StartOptions
-from .limits import (
+from .samples import (
     LONGEST_NM,
     MOST_IN_ALL,
     MOST_REPEATABLE,

@@ -1,4 +1,4 @@
-"""Samples of a render: how many passes of how many samples, their seeds, strips of rows; values that are no light."""
+"""Samples of a render: how many passes of how many samples, their seeds, strips of rows; limits of its options."""
 
 from __future__ import annotations
 
@@ -10,9 +10,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import InputError, require
-from .limits import MOST_IN_ALL, MOST_REPEATABLE, MOST_SPP
 
-SAMPLER = "multijitter"  # at 64 samples per pixel a quarter of the noise of "independent", at the same cost
+SHORTEST_NM, LONGEST_NM = 200.0, 2500.0  # ranges of silicon, InGaAs and HgCdTe sensors
+NARROWEST_NM = 0.5  # below it the float32 nodes of a band lose accuracy
+MOST_SPP = 1024  # per pass: the float32 film loses about 1e-8 per sample
+MOST_REPEATABLE = 8  # per pass, where the sum must not depend on threads: what a vector of AVX2 or AVX-512 holds
+MOST_IN_ALL = 2**24  # samples per pixel, over all passes
+
+SHORTEST_METERED_S = 1e-5
+"""Exposure time below which light is brighter than the electronic shutters of most cameras allow."""
+
+MITSUBA_NM = (360.0, 830.0)
+"""Where Mitsuba's own emitters and its spectra of colours are not zero."""
+
+SAMPLER = "multijitter"
+"""At 64 samples per pixel it has a quarter of the noise of "independent" at the same cost, but its dimensions are
+correlated where a pass has few samples, because its permutations are hashed. Mean of Π(½ + u) over D numbers of one
+sample, which is 1, with Mitsuba 3.9.1 (600 000 samples or more; errors 0.1 %, 0.2 % and 0.5 %):
+
+    sampler       samples of a pass   D = 8     D = 16    D = 48
+    independent                   4    −0.1 %    −0.4 %    −0.6 %
+    multijitter                   4    −4.2 %    −9.7 %     −45 %
+    multijitter                   8    −2.4 %    −1.4 %     −23 %
+    multijitter                   9    −0.1 %    −0.7 %    −1.5 %
+    multijitter                  16    −0.8 %    −0.6 %      −5 %
+    multijitter                  20    −0.4 %    +0.5 %    −0.9 %
+    multijitter                  64     0.0 %    −0.3 %    +1.4 %
+    stratified                    4     +15 %      −6 %    +123 %
+    stratified                   16      −3 %      +4 %    +157 %
+    orthogonal                    4    +0.3 %      +6 %    +972 %
+    orthogonal                    9    −0.1 %    +0.4 %     +35 %
+    ldsampler                     4      +5 %     +12 %    +445 %
+    ldsampler                    16      −9 %      −8 %     −21 %
+
+Of light it moves little: a translucent ball in rough glass is −0.05 % with 9 samples of a pass, +0.16 % with 4 and
++0.21 % with 8 (standard error 0.05 %). All others are worse or, "independent", have 16 times the variance.
+"""
 PASSES_MIN = 8  # below it error bars are guesses
 PASSES_MAX = 16  # of a fixed number of samples: few large passes have less noise
 IN_FLIGHT_MAX = 2**22  # samples per launch: 45 MB a million in LLVM variants

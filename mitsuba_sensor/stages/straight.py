@@ -56,8 +56,9 @@ CURVED = 0.05
 """Largest distance of a curve from that parabola, in the noise; the variance is then right to 2 %."""
 
 
-LEAST_LOG = -600.0
-"""Logarithm of a chance below which that of a normal is taken, which leads an optimiser back from far away."""
+TAIL, TAIL_RANGE = 1e-4, 1 / 16
+"""Probability that a code is an outlier, and the mean distance of outliers in the range of codes: a wrong pixel cannot
+outweigh all others, and still leads an optimiser back from far away."""
 
 
 class NotStraight(Exception):
@@ -159,12 +160,13 @@ class StraightChain(NamedTuple):
 class PixelLine(NamedTuple):
     """The law of some pixels, (P,) each.
 
-    rate_e : mean count.  variance_e2 : of the count.  well_e : full well.
+    rate_e : mean count.  variance_e2 : of the count, 0 without shot noise.  well_e : full well.
     signal_dn, slope, bend : x(n) = signal + slope·(n − centre) + bend·(n − centre)², before rounding, about centre_e.
     sigma_dn : of the normal noise behind the count.  highest : the largest code.
     """
 
     rate_e: Float64Array
+    variance_e2: Float64Array
     counted: bool
     well_e: float
     centre_e: Float64Array
@@ -173,10 +175,6 @@ class PixelLine(NamedTuple):
     bend: Float64Array
     sigma_dn: Float64Array
     highest: int
-
-    def at(self, rate_e: Float64Array) -> PixelLine:
-        """The same pixels with other mean counts."""
-        return self._replace(rate_e=rate_e)
 
     def pixels(self, chosen: Array) -> PixelLine:
         """Some of them."""
@@ -195,7 +193,7 @@ class PixelLine(NamedTuple):
     def normal(self) -> tuple[Float64Array, Float64Array, Float64Array]:
         """Mean and σ of x with its shot noise, and its gain about the mean: far from the well, or behind it."""
         held = self.rate_e < self.well_e
-        variance_e2 = np.where(held, self.rate_e, 0.0) if self.counted else 0.0 * self.rate_e
+        variance_e2 = np.where(held, self.variance_e2, 0.0)
         gain = self.slope + 2 * self.bend * (
             np.minimum(self.rate_e, self.well_e) - self.centre_e
         )
@@ -206,18 +204,26 @@ class PixelLine(NamedTuple):
         return mean, np.sqrt(np.maximum(variance, 0.0)), gain
 
     @property
+    def is_few(self) -> Array:
+        """Pixels whose counts are summed one by one."""
+        return (self.rate_e < FEW_E) & (self.variance_e2 <= 2 * self.rate_e)
+
+    @property
     def is_near_well(self) -> Array:
         """Pixels some of whose counts fill the well, and others do not."""
         if not self.counted or np.isinf(self.well_e):
             return np.zeros(self.rate_e.shape, bool)
         return (
-            np.abs(self.rate_e - self.well_e) < CLIP_SIGMAS * np.sqrt(self.rate_e) + FEW_REACH_E
+            np.abs(self.rate_e - self.well_e)
+            < CLIP_SIGMAS * np.sqrt(self.variance_e2) + FEW_REACH_E
         )
 
     def nodes(self) -> Iterator[tuple[Float64Array, Float64Array, Float64Array]]:
         """Chance, x and σ of normals that add up to the law: one for each count of few electrons, or for each node."""
-        few = self.rate_e < FEW_E
-        logarithm, root = np.log(np.maximum(self.rate_e, 1e-300)), np.sqrt(self.rate_e)
+        few = self.is_few
+        logarithm, root = np.log(np.maximum(self.rate_e, 1e-300)), np.sqrt(self.variance_e2)
+        wider = self.slope * np.sqrt(np.maximum(self.variance_e2 - self.rate_e, 0.0))
+        own_sigma = np.hypot(self.sigma_dn, np.where(few, wider, 0.0))
         most = float(np.max(self.rate_e[few], initial=-1.0))
         last = (
             int(most + REACH_SIGMAS * np.sqrt(max(most, 0.0)) + FEW_REACH_E)
@@ -229,7 +235,7 @@ class PixelLine(NamedTuple):
         full = np.zeros(self.rate_e.shape)
         for k in range(max(last + 1, many_nodes)):
             chance = np.exp(k * logarithm - self.rate_e - scipy.special.gammaln(k + 1.0))
-            count, sigma = np.full(self.rate_e.shape, float(k)), self.sigma_dn
+            count, sigma = np.full(self.rate_e.shape, float(k)), own_sigma
             if not few.all():
                 z, weight = (NODES[k], NODE_WEIGHTS[k]) if k < NODES.size else (0.0, 0.0)
                 around = self.rate_e + kept * z * root + (z * z - 1) / 6
@@ -293,7 +299,8 @@ def line_of(stages: Chain, light: Electrons, frame: Frame) -> PixelLine:
     flat = (
         np.ravel(np.broadcast_to(x, shape)) for x in (centre, here + moved, slope, bend, sigma)
     )
-    known = rate_e.ravel(), parts.counted, parts.well_e
+    variance_e2 = rate_e if parts.counted else np.zeros(shape)
+    known = rate_e.ravel(), variance_e2.ravel(), parts.counted, parts.well_e
     return PixelLine._make((*known, *flat, converter.highest))
 
 
@@ -333,11 +340,18 @@ def _summed(line: PixelLine, about_dn: Float64Array) -> tuple[Float64Array, Floa
     return about + off, np.maximum(second / total - off**2, 0.0)
 
 
-def log_chance(line: PixelLine, codes: Float64Array) -> Float64Array:
-    """Logarithm of the chance of a code in every pixel, (P,); finite for every code."""
+def log_chance(
+    line: PixelLine, codes: Float64Array, render_e2: Float64Array | float = 0.0
+) -> Float64Array:
+    """Logarithm of the probability of a code in every pixel, (P,); finite for every code.
+
+    render_e2 : variance of the mean count, where a render estimated it.
+    A share TAIL of the codes are outliers: of a Laplace distribution about the expected code.
+    """
+    line = line._replace(variance_e2=line.variance_e2 + render_e2)
     mean, sigma, gain = line.normal
     found = log_chance_of_code(codes, mean, sigma, line.highest)
-    few = line.counted & (line.rate_e < FEW_E) & (gain > ELECTRON_SHOWS * line.sigma_dn)
+    few = line.counted & line.is_few & (gain > ELECTRON_SHOWS * line.sigma_dn)
     some = np.flatnonzero(few | line.is_near_well)
     if some.size:
         total = np.full(some.size, -np.inf)
@@ -345,5 +359,7 @@ def log_chance(line: PixelLine, codes: Float64Array) -> Float64Array:
             term = log_chance_of_code(codes[some], ideal, own, line.highest)
             with np.errstate(divide="ignore"):
                 total = np.logaddexp(total, np.log(chance) + term)
-        found[some] = np.where(total > LEAST_LOG, total, found[some])
-    return found
+        found[some] = total
+    range_dn = TAIL_RANGE * (line.highest + 1)
+    outlier = np.log(TAIL / (2 * range_dn)) - np.abs(codes - mean) / range_dn
+    return np.asarray(np.logaddexp(np.log1p(-TAIL) + found, outlier))

@@ -16,8 +16,12 @@ from mitsuba_sensor.core.progress import (
     automatic_progress,
     told_outside,
 )
-from mitsuba_sensor.render.passes.stop_criterion import RenderProgress
-from mitsuba_sensor.render.passes.told import FILES, Series, told_progress
+from mitsuba_sensor.render.passes.stop_criterion import (
+    FILES,
+    RenderProgress,
+    Series,
+    told_progress,
+)
 
 
 class Clock:

@@ -19,9 +19,8 @@ from mitsuba_sensor.optics import spectra
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr, transmittance
 from mitsuba_sensor.optics.intrinsics import View
 from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
-from mitsuba_sensor.render.light.band_error import band_error, band_note
-from mitsuba_sensor.render.light.bands import choose_bands
-from mitsuba_sensor.render.light.film_channels import with_filters
+from mitsuba_sensor.render.light.bands import choose_bands, with_filters
+from mitsuba_sensor.render.light.light_source import band_error, band_note
 from mitsuba_sensor.render.light.photons import photons_per_irradiance
 
 prepared = importlib.import_module("mitsuba_sensor.render.passes.prepared")

@@ -10,7 +10,7 @@ from helpers.scenes import (
     BALL,
     SCENES,
     SKY,
-    both_variants,
+    scalar_first,
     scene_text,
     skip_unless_usable,
     write_scene,
@@ -37,7 +37,7 @@ def electrons(light: object, camera: object = BAYER) -> np.ndarray:
     return found.photoelectrons[0]
 
 
-@both_variants
+@scalar_first
 def test_channels_free_the_electrons_that_the_cube_frees(tmp_path: Path, variant: str) -> None:
     """Flat light of a sloping spectrum: the mean of each filter's pixels agrees with bands of 2 nm to 1 %.
 
@@ -112,7 +112,7 @@ def test_a_camera_with_a_quantum_yield_needs_bands() -> None:
         )
 
 
-@both_variants
+@scalar_first
 def test_bands_of_a_cube_stand_apart_and_are_quieter_each_for_itself(
     tmp_path: Path, variant: str
 ) -> None:

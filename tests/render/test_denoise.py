@@ -22,7 +22,7 @@ from mitsuba_sensor.render.denoise.guides import trace_guides
 from mitsuba_sensor.render.light.bands import choose_bands
 from mitsuba_sensor.render.light.photons import mean_electrons, photons_per_irradiance
 from mitsuba_sensor.render.load.scene import Scene, load_scene
-from mitsuba_sensor.render.passes.light_of_passes import bands_of_filters
+from mitsuba_sensor.render.passes.loaded_render import bands_of_filters
 from mitsuba_sensor.render.passes.prepared import prepare
 from mitsuba_sensor.render.variants import choose_variant, use
 

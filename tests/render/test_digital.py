@@ -283,12 +283,101 @@ def test_a_likelihood_finds_an_albedo_in_5_electrons_where_least_squares_does_no
     assert found.std(ddof=1) == pytest.approx(spread, rel=0.15)
 
 
+def test_a_likelihood_of_two_noisy_halves_is_unbiased_and_no_pixel_outweighs_the_others() -> (
+    None
+):
+    """Light up to twice the full scale, rendered with gamma-distributed noise of 20 % in each half. A Newton step
+    for the brightness, from the true one, is below 2 %, whose standard error is 0.4 %; without the variance of the
+    render it is larger."""
+    mi, dr = ready(), drjit()
+    text = (
+        text_of(camera="konnik_table1", time_s=0.2, focal_mm=50.0)
+        .replace('"16"', '"64"')
+        .replace('"12"', '"64"')
+    )
+    sensor = mi.load_string(text).sensors()[0]
+    rng = np.random.default_rng(1)
+    true = np.geomspace(2e-3, 0.2, 4096).reshape(64, 64, 1)
+    raw = np.array(ms.digital(mi.TensorXf(true), sensor=sensor, expected=False)).round()
+    assert 0.1 < (raw == 4095).mean() < 0.5
+    halves = true * rng.gamma(25.0, 1 / 25.0, (2, *true.shape))
+
+    def slopes(scale: float, variance: Any = None) -> Any:
+        """Derivatives of the logarithm of the likelihood by the logarithm of the light of each pixel."""
+        images = [mi.TensorXf(half * scale) for half in halves]
+        image = (images[0] + images[1]) / 2
+        dr.enable_grad(*images, image)
+        given = images if variance is None else image
+        chance = ms.raw_log_likelihood(raw, given, sensor=sensor, render_variance=variance)
+        dr.backward(dr.sum(chance, axis=None))
+        leaves = images if variance is None else [image]
+        return sum(np.array(dr.grad(leaf)) for leaf in leaves) * true * scale
+
+    def step(variance: Any = None) -> float:
+        low, here, high = (slopes(x, variance).sum() for x in (0.95, 1.0, 1.05))
+        return float(here / ((low - high) / 0.1))
+
+    alone, told = step(np.zeros((64, 64))), step(np.full((64, 64), 1 / 50))
+    assert abs(step()) < 0.02
+    assert abs(told) < 0.02
+    assert abs(alone) > 0.04
+    raw[32, 32] = 0
+    assert abs(slopes(1.0)[32, 32, 0]) < 0.02 * np.abs(slopes(1.0)).sum()
+
+
+BOX = """<bsdf type="diffuse" id="grey"><spectrum name="reflectance" value="0.4"/></bsdf>
+<shape type="cube"><transform name="to_world"><translate z="0.95"/></transform>
+<boolean name="flip_normals" value="true"/><bsdf type="diffuse">
+<spectrum name="reflectance" value="0.6"/></bsdf></shape>
+<shape type="sphere"><point name="center" value="0.2, -0.4, 1.05"/><float name="radius" value="0.5"/>
+<ref id="grey"/></shape>
+<shape type="rectangle"><transform name="to_world"><scale value="0.25"/><rotate x="1" angle="90"/>
+<translate y="0.98" z="0.95"/></transform><emitter type="area"><spectrum name="radiance" value="3e-2"/>
+</emitter></shape>"""
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("samples", [16, 64])
+@pytest.mark.parametrize("time_s", [0.01, 0.1, 0.2])
+def test_a_fit_by_the_likelihood_finds_reflectance_and_emitter_within_5_percent(
+    time_s: float, samples: int
+) -> None:
+    """From starting values half as large again, with 30 steps of Adam; in 0.2 s 40 % of the pixels are clipped."""
+    mi, dr = ready(), drjit()
+    band = '<float name="bandwidth_nm" value="100"/>'
+    text = text_of(time_s=time_s, world=BOX, more=band, focal_mm=0.08)
+    scene = mi.load_string(text)
+    sensor, parameters = scene.sensors()[0], mi.traverse(scene)
+    raw = np.array(ms.digital(mi.render(scene, spp=8192), sensor=sensor, expected=False))
+    names = ["grey.reflectance.value"]
+    names += [key for key, _ in parameters if key.endswith("emitter.radiance.value")]
+    true = np.array([0.4, 3e-2])
+    at, first, second, path = np.log(1.5 * true), np.zeros(2), np.zeros(2), []
+    for k in range(30):
+        values = [mi.Float(float(x)) for x in np.exp(at)]
+        dr.enable_grad(*values)
+        for name, value in zip(names, values, strict=True):
+            parameters[name] = value
+        parameters.update()
+        halves = [
+            mi.render(scene, parameters, spp=samples // 2, seed=2 * k + n, seed_grad=900 + 2 * k + n)
+            for n in (0, 1)
+        ]  # fmt: skip
+        dr.backward(-dr.mean(ms.raw_log_likelihood(raw, halves, sensor=sensor), axis=None))
+        slope = np.array([dr.grad(value).numpy()[0] for value in values]) * np.exp(at)
+        first, second = 0.8 * first + 0.2 * slope, 0.9 * second + 0.1 * slope**2
+        size = np.sqrt(second / (1 - 0.9 ** (k + 1))) * (1 - 0.8 ** (k + 1))
+        at -= (0.1 if k < 15 else 0.03) * first / size
+        path.append(np.exp(at))
+    np.testing.assert_allclose(np.mean(path[-8:], axis=0), true, rtol=0.05)
+
+
 def test_what_is_no_image_of_a_photosensor_is_one_sentence() -> None:
     mi = ready()
     scene = mi.load_string(text_of())
     sensor, image = scene.sensors()[0], mi.render(scene, spp=4)
     other = mi.load_dict({"type": "perspective", "film": {"type": "hdrfilm"}})
-    exposure = ms.Exposure(0.01)
+    exposure, ones = ms.Exposure(0.01), np.ones((12, 16))
     wrong: list[tuple[Any, str]] = [
         (lambda: ms.digital(np.zeros((12, 16, 1)), sensor=sensor), "image is ndarray"),
         (lambda: ms.digital(image, sensor=other), "no sensor of Mitsuba with a photosensor"),
@@ -299,6 +388,10 @@ def test_what_is_no_image_of_a_photosensor_is_one_sentence() -> None:
         (lambda: ms.digital(image, "konnik_table1", exposure, sensor=sensor, serial=-1), "serial is -1"),
         (lambda: ms.raw_log_likelihood(np.zeros((2, 2)), image, sensor=sensor), "shape"),
         (lambda: ms.raw_log_likelihood(np.full((12, 16), -1), image, sensor=sensor), "from -1"),
+        (lambda: ms.raw_log_likelihood(ones, image, sensor=sensor, render_variance=-ones), "render_variance has"),
+        (lambda: ms.raw_log_likelihood(ones, [], sensor=sensor), "of 0 shapes"),
+        (lambda: ms.raw_log_likelihood(ones, [image, image[:3]], sensor=sensor), "of 2 shapes"),
+        (lambda: ms.raw_log_likelihood(ones, image, sensor=sensor, render_variance=0.1), "shape of the image"),
     ]  # fmt: skip
     for call, sentence in wrong:
         with pytest.raises(ms.InputError, match=sentence) as caught:

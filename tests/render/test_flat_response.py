@@ -14,8 +14,8 @@ from mitsuba_sensor.render.light.bands import (
     box_bands,
     response_film,
     round_wavelength_density,
+    with_filters,
 )
-from mitsuba_sensor.render.light.film_channels import with_filters
 from mitsuba_sensor.render.variants import choose_variant, use
 
 BAYER = ms.load_camera("bayer_2mp")

@@ -9,9 +9,8 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.light.bands import channel_bands
-from mitsuba_sensor.render.limits import MOST_SPP
 from mitsuba_sensor.render.passes.passes import Passes
-from mitsuba_sensor.render.samples import clean, hashed_seed, pass_plan, row_strips
+from mitsuba_sensor.render.samples import MOST_SPP, clean, hashed_seed, pass_plan, row_strips
 from mitsuba_sensor.render.variants import choose_variant, use
 
 COUNTS = [1, 2, 5, 7, 8, 9, 16, 31, 64, 100, 256, 1000, 1024, 4096, 10_000, 16_384, 100_000]

@@ -80,9 +80,10 @@ def test_a_loaded_scene_with_a_raw_film_can_be_captured_too() -> None:
     assert not any("raw_frame" in note for note in ms.render(scene(), spp=1).statistics.notes)
 
 
-def test_a_raw_film_and_another_integrator_are_one_sentence() -> None:
-    """And the integrator with another film; and an output that there is not."""
-    mi = ready("scalar_spectral")
+@both_variants
+def test_a_raw_film_and_another_integrator_are_one_sentence(variant: str) -> None:
+    """And the integrator with another film; and an output that there is not. A traceback ends with the sentence."""
+    mi = ready(variant)
     with pytest.raises(
         ms.InputError, match='output "raw" needs <integrator type="raw_frame">; put the'
     ):

@@ -10,7 +10,7 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.light.irradiance import RenderedFor
-from mitsuba_sensor.render.light.render_noise import noise_note, render_noise
+from mitsuba_sensor.render.light.light_source import noise_note, render_noise
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
 

@@ -144,27 +144,6 @@ def test_a_metered_render_stops_by_the_noise_of_the_exposure_that_is_found() -> 
     assert light.statistics.noise_ratio_p95 <= 1
 
 
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"noise_ratio": 0}, "noise_ratio is 0"),
-        ({"noise_ratio": math.nan}, "noise_ratio is nan"),
-        ({"noise_ratio": 0.01, "spp": 64}, "give one"),
-        ({"spp": 64, "max_spp": 128}, "spp is exact"),
-        ({"max_seconds": -1}, "max_seconds is -1"),
-        ({"max_spp": 1}, "max_spp is 1"),
-        ({"spectral": "colours"}, "spectral is 'colours'"),
-        ({"spectral": "channels", "wavelength_nm": 550}, "a single band has no colour filters"),
-    ],
-)
-def test_contradictory_budgets_are_refused_in_one_sentence(
-    options: dict[str, Any], said: str
-) -> None:
-    with pytest.raises(ms.InputError) as caught:
-        ms.render(BOX, CAMERA, EXPOSURE, variant="scalar_spectral", **options)
-    assert said in str(caught.value) and "\n" not in str(caught.value)
-
-
 def test_a_fixed_number_of_samples_is_the_same_render_with_or_without_time_to_spare() -> None:
     one, other = (
         ms.render(BOX, CAMERA, EXPOSURE, spp=32, **more, **FAST).data.tobytes()

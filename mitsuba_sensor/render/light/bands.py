@@ -7,18 +7,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...camera.camera import Camera
-from ...camera.fingerprint import response_fingerprint
+from ...camera.fingerprint import pixel_fingerprint, response_fingerprint
 from ...core import Array, Float64Array, InputError, require
 from ...core.llvm import drjit
 from ...optics.f_number_law import transmittance
-from ..limits import LONGEST_NM, NARROWEST_NM, SHORTEST_NM
+from ..samples import LONGEST_NM, NARROWEST_NM, SHORTEST_NM
 from ..variants import MitsubaObject, mitsuba
+
+if TYPE_CHECKING:
+    pass
 
 BANDWIDTH_NM = 10.0  # of each band, unless asked otherwise
 GROUP = 4  # wavelengths that Mitsuba samples for one path
@@ -49,7 +52,7 @@ class Bands:
     edges_nm : (B + 1,) of the boxes; for channels the two ends of the camera's band.
     wavelengths_nm, bandwidths_nm : (B,) centres and widths; λ_ref and 1 nm for every channel.
     responses : of the channels of the film, Mitsuba spectra: (B,), and behind them of ``filters`` colour filters for
-        every group of bands, like those of kind "channels" (film_channels.py).
+        every group of bands, like those of kind "channels" below.
     transmission : (B,) of the lens, still to be applied; 1 where it is part of the responses.
     response : None, or the fingerprint of the camera whose filters are in the responses.
     grouped : whether bands are rendered in groups of four: less noise in each band, more in their sum.
@@ -374,3 +377,21 @@ def in_band_factor(
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = electrons / bands
     return np.where(np.isfinite(factor), np.clip(factor, *FACTORS), 1.0).astype(np.float32)
+
+
+def with_filters(bands: Bands, camera: Camera) -> Bands:
+    """The bands, and the responses of the camera's filters in each group of bands that is rendered for itself."""
+    if bands.kind == "channels":
+        return bands
+    curves = [
+        r
+        for g in bands.groups
+        for r in filter_responses(camera, *bands.ends_of(g), bands.reference_nm)
+    ]
+    count = len(camera.quantum_efficiency.curves)
+    return replace(
+        bands,
+        responses=(*bands.responses, *curves),
+        filters=count,
+        response=pixel_fingerprint(camera),
+    )

@@ -24,7 +24,7 @@ from ...optics.f_number_law import (
 )
 from ...optics.intrinsics import View
 from ...optics.spectra import LUMENS_PER_WATT, VISIBLE_NM, luminous, photopic
-from ..limits import SHORTEST_METERED_S
+from ..samples import SHORTEST_METERED_S
 from ..variants import MitsubaObject, mitsuba
 from .bands import Bands
 

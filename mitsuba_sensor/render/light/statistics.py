@@ -25,6 +25,9 @@ DARKEST = (
     1e-3  # of the mean of the picture: darker pixels are compared as if they were as bright
 )
 POOLED_PASSES_MIN = 3
+SPARSE = (
+    1 / 4
+)  # relative variance of a mean, as of four paths that found light: neighbours know more
 RELATIVE_MAX = 1e6  # standard error over the light: of pixels in which there is none
 
 
@@ -186,14 +189,19 @@ def pooled(
     d : degrees of freedom of v, the pixel's own.  v₀ : at the relative variance of 3 × 3 pixels.  d₀ : for how many
     degrees of freedom v₀ counts, from how far log v and log v₀ differ over the picture, beyond what d explains
     (Smyth 2004, doi 10.2202/1544-6115.1027).
-    A pixel without any light keeps its own. With 7 degrees of freedom the pixel's own variance is off by half, so that
-    its error bar holds for 88 % of the pixels at two standard errors, where a known one holds for 95 %.
+    With 7 degrees of freedom the pixel's own variance is off by half, so that its error bar holds for 88 % of the
+    pixels at two standard errors, where a known one holds for 95 %. Where few paths find the light, a pixel that none
+    has found, or few, has too small a variance, by chance too: there both mean and variance are those of 3 × 3 pixels.
     """
     if passes < POOLED_PASSES_MIN:
         return variance
-    level = np.maximum(mean, DARKEST * mean.mean(axis=(0, 1))) + np.finfo(np.float32).tiny
+    least = DARKEST * mean.mean(axis=(0, 1)) + np.finfo(np.float32).tiny
+    level, around = np.maximum(mean, least), np.maximum(near_mean(mean), least)
     own, freedom = variance / level / level, passes - 1
-    near = np.maximum(near_mean(own), own / 9)
+    near = near_mean(own)
+    sparse = np.minimum((near / SPARSE) ** 2, 1)
+    near += sparse * (near_mean(variance) / around / around - near)
+    near = np.maximum(near, own / 9)
     lit = (own > 0) & np.isfinite(near)
     apart = np.log(own[lit] / near[lit])
     most = 9 * freedom
@@ -201,8 +209,8 @@ def pooled(
     if apart.size:
         beyond = float(apart.var()) - float(scipy.special.polygamma(1, freedom / 2))
         prior = min(2 / beyond, most) if beyond > 2 / most else most
-    found = (freedom * own + prior * near) / (freedom + prior) * level * level
-    return np.where(mean > 0, found, variance)
+    squared = np.where(mean > 0, (1 - sparse) * level**2, 0) + sparse * around**2
+    return np.asarray((freedom * variance + prior * near * squared) / (freedom + prior))
 
 
 def near_mean(values: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -217,11 +225,11 @@ def near_mean(values: NDArray[np.floating]) -> NDArray[np.floating]:
 def relative_errors(
     mean: NDArray[np.floating], variance: NDArray[np.floating], infinite: NDArray[np.bool_]
 ) -> NDArray[np.float32]:
-    """Return standard errors over the light, all (H, W); at most RELATIVE_MAX, and inf where the light is infinite."""
+    """Return standard errors over the light, all (H, W): 0 without light, inf where it is infinite."""
     found = np.sqrt(variance)
     least = found / RELATIVE_MAX + np.finfo(float).tiny
     found /= np.maximum(mean, least, out=least)
-    found[infinite] = np.inf
+    found[mean <= 0], found[infinite] = 0.0, np.inf
     return np.asarray(found, np.float32)
 
 

@@ -86,7 +86,12 @@ def changes(subject: Subject) -> Found:
         yield Finding("note", scene.where(film), what, "remove it to render the whole film")
     if SPECTRAL_RESPONSE in sensor.props:
         what = f"{SPECTRAL_RESPONSE} of the sensor is a spectral response, and the camera has its own"
-        yield Finding("note", scene.where(sensor), what, "the camera's is taken")
+        yield Finding(
+            "note",
+            scene.where(sensor),
+            what,
+            f"{SPECTRAL_RESPONSE} replaced by that of the camera",
+        )
 
 
 def without_effect(subject: Subject) -> Found:

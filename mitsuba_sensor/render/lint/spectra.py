@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ...core import Float64Array
-from ..limits import MITSUBA_NM
+from ..samples import MITSUBA_NM
 from ..scene.parsed_scene import ParsedScene
 from ..variants import MitsubaObject, mitsuba
 

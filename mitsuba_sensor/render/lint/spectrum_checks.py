@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..limits import MITSUBA_NM
+from ..samples import MITSUBA_NM
 from ..scene.asked import HELD_FROM_NM, materials
 from ..scene.scene_edits import UNNAMED
 from ..variants import MitsubaObject, values_of

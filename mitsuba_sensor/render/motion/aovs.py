@@ -19,10 +19,9 @@ from ...core import Exposure, Float64Array, InputError, check_types
 from ...core.options import complete, documents
 from ...optics.shutter import Shutter, shutter_of
 from ..light.bands import choose_bands
-from ..limits import LONGEST_NM, SHORTEST_NM
 from ..load.scene import Scene, load_scene
 from ..options import SceneOptions
-from ..samples import row_strips
+from ..samples import LONGEST_NM, SHORTEST_NM, row_strips
 from ..scene.motion import Motion, read_motion
 from ..scene.parse_scene import SceneInput, parse
 from ..scene.parsed_scene import ParsedScene

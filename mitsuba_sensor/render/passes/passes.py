@@ -1,6 +1,9 @@
-"""Sums of equal passes: mean and variance (Welford) of what each channel of the film detects, and bad values."""
+"""Equal passes and their sums: mean and variance (Welford) of what each channel of the film detects, bad values."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +11,11 @@ from numpy.typing import NDArray
 from ...core import Float64Array
 from ..light.bands import Bands, of_own_filter
 from ..load.weight_noise import without_weight_noise
-from ..samples import clean
+from ..samples import clean, hashed_seed
+
+if TYPE_CHECKING:
+    from ..load.scene import Scene
+    from ..motion.moving_scene import MovingScene
 
 VALUES_AT_ONCE = 2**15  # that stay in a processor's cache
 USUAL = (1e-9, 1e9)
@@ -140,3 +147,43 @@ class Passes:
         alone = (self._brightest - mean) ** 2 > ONE_PASS * squares
         noisy = squares > (ROUNDING * mean) ** 2
         return float((alone & noisy)[lit].mean()) if lit.any() else 0.0
+
+
+def radiance_of(
+    scene: Scene | MovingScene,
+    bands: Bands,
+    groups: tuple[slice, ...],
+    seed: int,
+    samples: int,
+    rows: tuple[int, int],
+) -> NDArray[np.float32]:
+    """Return a pass of some rows, the groups of bands one after the other, (rows, columns, B + filters).
+
+    A single group has the wavelengths of all bands, to which the scene is restricted before.
+    """
+    if len(groups) == 1:
+        return folded([scene.render(seed, samples, rows)], groups, bands)
+
+    def of_group(number: int) -> NDArray[np.float32]:
+        scene.restrict_wavelengths(*bands.ends_of(groups[number]))
+        return scene.render(hashed_seed(seed, number, 0), samples, rows)
+
+    return folded((of_group(number) for number in range(len(groups))), groups, bands)
+
+
+def folded(
+    images: Iterable[NDArray[np.float32]], groups: tuple[slice, ...], bands: Bands
+) -> NDArray[np.float32]:
+    """Renders of groups of bands → (H, W, B + filters). images : (H, W, channels of the film), one for each group."""
+    parts, filters = list[NDArray[np.float32]](), np.zeros(1, np.float32)
+    count, sets = len(bands), len(bands.groups)
+    if sets == 1:
+        (image,) = images
+        return image
+    for number, (group, image) in enumerate(zip(groups, images, strict=True)):
+        parts.append(image[..., group])
+        of_groups = image[..., count:].reshape(*image.shape[:2], sets, bands.filters)
+        filters = filters + np.asarray(
+            of_groups.sum(axis=2) if len(groups) < sets else of_groups[:, :, number]
+        )
+    return np.concatenate([*parts, filters], axis=-1)

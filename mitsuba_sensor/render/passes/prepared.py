@@ -21,8 +21,8 @@ from ...sensor.metering import AUTO, AskedExposure, Metering, checked_exposure
 from ...sensor.options import ExposeOptions
 from ...stages.usual_range import warn_of_temperature
 from ...theory.plan import prepare_planned_exposure
+from ..light.bands import with_filters
 from ..light.brightness import NOT_LUMINOUS, luminous_weights, scale_to
-from ..light.film_channels import radiance_of, with_filters
 from ..light.irradiance import Irradiance
 from ..light.photons import metered, photons_per_irradiance
 from ..lint.refusals import refuse_black
@@ -40,7 +40,7 @@ from ..scene.scene_settings import bands_asked_for
 from ..variants import restores_variant
 from .grouped import render_light_groups
 from .loaded_render import LoadedRender
-from .passes import Passes
+from .passes import Passes, radiance_of
 from .stop_criterion import (
     End,
     Progress,
@@ -48,8 +48,8 @@ from .stop_criterion import (
     StopCriterion,
     check_options,
     stop_criterion_of,
+    told_progress,
 )
-from .told import told_progress
 
 METERING_SPP = 32  # of the render that is metered where the exposure must be known before
 BRIGHTNESS_SPP = 64  # of the render that finds the scale of the light
@@ -160,6 +160,8 @@ class PreparedRender(LoadedRender):
         passes = Passes(self.bands, per_radiance, tile, view.crop_offset[::-1])
         groups = self.bands.groups if stop.grouped else (slice(0, len(self.bands)),)
         passes.samples = stop.samples * len(groups)
+        if self.bands.kind == "cube":
+            scene.restrict_wavelengths(*self.bands.ends_nm)
         strips, most = row_strips(view.crop_size, stop.samples), stop.most
         end: End | None = None
         began, first_s, ratio = time.monotonic(), 0.0, np.nan

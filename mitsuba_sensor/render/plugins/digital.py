@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Unpack
 
@@ -14,6 +14,7 @@ from ...camera.camera_file import AnyCamera, camera_of
 from ...core import (
     Array,
     Exposure,
+    Float64Array,
     Frame,
     InputError,
     SensorWindow,
@@ -28,6 +29,7 @@ from ...gradient.attached_pixels import AttachedPixels
 from ...gradient.parameters import TIME
 from ...sensor.fpn_maps import checked_maps
 from ...sensor.options import ChipOptions
+from ..light.statistics import near_mean
 from ..variants import MitsubaObject
 from .image_light import ImageLight
 
@@ -74,28 +76,45 @@ def digital(
 @documents(ChipOptions)
 def raw_log_likelihood(
     digital: ArrayLike,
-    image: Array,
+    image: Array | Sequence[Array],
     camera: AnyCamera | None = None,
     exposure: Exposure | None = None,
     *,
     sensor: MitsubaObject,
+    render_variance: ArrayLike | None = None,
     parameters: Mapping[str, Array] | None = None,
     **options: Unpack[ChipOptions],
 ) -> Array:
-    """Logarithm of the chance of every digital number of a raw frame, if the scene is the one that was rendered.
+    """Return the logarithm of the probability of each digital number of a raw frame, given the rendered scene.
 
     ::
 
-        image = mitsuba.render(scene, parameters, spp=64)
-        chance = ms.raw_log_likelihood(raw, image, camera, exposure, sensor=scene.sensors()[0])
+        halves = [mitsuba.render(scene, parameters, spp=32, seed=seed) for seed in (1, 2)]
+        chance = ms.raw_log_likelihood(raw, halves, camera, exposure, sensor=scene.sensors()[0])
         drjit.backward(-drjit.sum(chance))
 
-    digital : (H, W) whole numbers of one frame. The rest as for :func:`digital`.
-    It is that of a Poisson count behind a full well, with the read noise of every pixel, rounded and clipped; a clipped
-    code has the tail of its law. What pixels of a row or column share of temporal noise counts in each of them alone.
+    digital : (H, W) whole numbers of one frame.
+    image : one image, or a list of images of the same scene with different seeds, whose mean is taken.
+    render_variance : (H, W) variance of the light of each pixel over the square of the light, e.g.
+        ``light.relative_error**2`` of :func:`render`. Default: from the differences of several images; one image
+        counts as free of noise.
+    The rest as for :func:`digital`.
+    The distribution is that of a Poisson count behind a full well, with the read noise of every pixel and the noise of
+    the render, rounded and clipped. One code in 10 000 may be an outlier, so a wrong pixel cannot outweigh all others.
+    Temporal noise that pixels of a row or column share is treated as independent.
     Returns a tensor (H, W) of the type of the image; its sum is what to maximise. Raises InputError.
     """
-    chip = _Chip.of(image, camera, exposure, sensor, parameters, options)
+    passes: list[Array] = [*image] if isinstance(image, list | tuple) else [image]
+    shapes = {getattr(one, "shape", None) for one in passes}
+    if len(shapes) != 1:
+        raise InputError(
+            f"image is a list of images of {len(shapes)} shapes; pass one or several renders of the same sensor."
+        )
+    mean = passes[0]
+    for one in passes[1:]:
+        mean = mean + one
+    mean = mean / len(passes)
+    chip = _Chip.of(mean, camera, exposure, sensor, parameters, options)
     highest, codes = (
         chip.pixels.highest,
         numbers("digital", digital, "the whole numbers of a raw frame (H, W)"),
@@ -109,7 +128,8 @@ def raw_log_likelihood(
             f"digital has shape {codes.shape} and values from {codes.min():g} to {codes.max():g}; it must have whole "
             f"numbers from 0 to {highest} in the shape of the image, {shape}."
         )
-    return chip.tensor(chip.pixels.log_likelihood(codes.astype(np.float64)))
+    render_e2 = chip.render_e2(passes, render_variance)
+    return chip.tensor(chip.pixels.log_likelihood(codes.astype(np.float64), render_e2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +173,28 @@ class _Chip:
         frame = Frame(exposure, window, gain=own.gain or "")
         pixels = AttachedPixels.of(own, frame, light_e, changes, tuple(grown), backend)
         return cls(image, light, pixels)
+
+    def render_e2(self, passes: Sequence[Array], given: ArrayLike | None) -> Float64Array:
+        """Return the variance of the mean photoelectrons, (H, W), averaged over neighbours: a pixel that is bright by
+        chance must not weigh less for it. Raises InputError."""
+        exposure, shape = self.pixels.frame.exposure, self.light.shape
+        electrons = np.stack(
+            [
+                drjit().detach(self.light.electrons(one, exposure, {})).numpy().reshape(shape)
+                for one in passes
+            ]
+        ).astype(np.float64)
+        if given is None:
+            count = len(passes)
+            variance = electrons.var(axis=0, ddof=1) / count if count > 1 else np.zeros(shape)
+            return np.asarray(near_mean(near_mean(variance)))
+        relative = numbers("render_variance", given, "one relative variance per pixel (H, W)")
+        if relative.shape != shape or not ((relative >= 0) & np.isfinite(relative)).all():
+            raise InputError(
+                f"render_variance has shape {relative.shape} and values from {relative.min():g} to {relative.max():g}; "
+                f"pass finite values of at least 0 in the shape of the image, {shape}."
+            )
+        return np.asarray(relative * near_mean(near_mean(electrons.mean(axis=0))) ** 2)
 
     def tensor(self, values: Array) -> Array:
         """As (H, W)."""

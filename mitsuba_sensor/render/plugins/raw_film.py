@@ -7,7 +7,7 @@ around another one renders the scene with that one and exposes the camera. Then 
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, wraps
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ NO_DERIVATIVE = (
 def raw_film(bands: MitsubaObject, parameters: PluginParameters) -> MitsubaObject:
     """A film of the size of the film of the bands."""
     mi = mitsuba()
+    _end_with_own_sentence(mi)
     props = mi.Properties("photosensor")
     for name, value in _size_of(bands).items():
         props[name] = value
@@ -50,6 +51,7 @@ def _size_of(film: MitsubaObject) -> dict[str, int]:
 def raw_frame(props: MitsubaObject) -> MitsubaObject:
     """<integrator type="raw_frame"> around another integrator; by default around path."""
     mi = mitsuba()
+    _end_with_own_sentence(mi)
     nested = [props[name] for name in props if props.type(name) == mi.Properties.Type.Object]
     inner = next((one for one in nested if isinstance(one, mi.Integrator)), None)
     level = mi.log_level()
@@ -62,6 +64,24 @@ def raw_frame(props: MitsubaObject) -> MitsubaObject:
         )
     finally:
         mi.set_log_level(level)
+
+
+@cache
+def _end_with_own_sentence(mi: MitsubaObject) -> None:
+    """Let mi.render raise an InputError of a raw frame itself: in variants with derivatives it raises a RuntimeError of
+    drjit.custom, whose cause stands thirty lines above the end of the traceback."""
+    inner = mi.render
+
+    @wraps(inner)
+    def render(*arguments: object, **options: object) -> MitsubaObject:
+        try:
+            return inner(*arguments, **options)
+        except RuntimeError as error:
+            if isinstance(error.__cause__, InputError):
+                raise error.__cause__ from None
+            raise
+
+    mi.render = render
 
 
 @cache
