@@ -17,6 +17,7 @@ from helpers.scenes import SCENES
 from PIL import Image
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.bench.virtual_bench import Setup, virtual_bench
 
 MONO, BAYER, RGBIR = (
     ms.load_camera(name) for name in ("konnik_table1", "bayer_2mp", "rgbir_2mp")
@@ -107,6 +108,20 @@ def test_camera_plan_and_budget_show_their_numbers() -> None:
         text in shown(MONO)[0].text
         for text in ("1900 × 1300 pixels", "33000 e-", "12 bits", "f/2.8")
     )
+
+
+def test_figures_and_measurements_show_their_numbers() -> None:
+    figures = MONO.emva1288()
+    for one in figures.table():
+        assert " ".join((one.name, one.symbol, f"{one.value:.4g}")) in " ".join(
+            shown(figures)[0].text.split()
+        )
+    camera = MONO.replace(**{"sensor.rows": 40, "sensor.columns": 48})
+    (measured,) = ms.lab.measure_bench(virtual_bench(camera, Setup()))
+    assert len(repr(measured)) < 160 and "\n" not in repr(measured)
+    text = " ".join(shown(measured)[0].text.split())
+    gain = measured.figures["K"]
+    assert f"K {gain.name} {gain.value:.4g} {gain.low:.4g} to {gain.high:.4g}" in text
 
 
 def test_light_of_one_wavelength_is_grey_and_of_the_visible_has_its_colour(light: Any) -> None:

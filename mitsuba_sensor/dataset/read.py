@@ -19,6 +19,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from ..camera.camera_file import camera_from
 from ..core import InputError, nearest
 from ..core.checks import require_path
+from ..core.html import Table as HtmlTable
+from ..core.html import facts, fragment, picture
 from ..files.appearing import temporary_copy
 from ..files.png import read_png
 from ..files.raw_files import read_raw_tiff
@@ -175,6 +177,14 @@ class Sample:
         ]
         split = f"; {self.split}" if self.split else ""
         return f"<Sample {self.key[:8]}: {', '.join([str(self.values.get('scene')), *parts])[:150]}{split}>"
+
+    def _repr_html_(self) -> str:
+        rows = {"split": self.split, **self.values, "files": ", ".join(self.files)}
+        pictures = []
+        if png := self.files.get(PICTURE):
+            columns = read_png(io.BytesIO(png), PICTURE).shape[1]
+            pictures.append(picture(png, columns, f"picture of sample {self.key[:8]}"))
+        return fragment(f"Sample {self.key[:8]}", *pictures, facts(rows))
 
     @property
     def key(self) -> str:
@@ -376,6 +386,14 @@ class Dataset(Sequence[Sample]):
         return (
             f"<Dataset: {len(self)} samples{f' ({parts})' if parts else ''} in {self.folder}>"
         )
+
+    def _repr_html_(self) -> str:
+        counts = [
+            (split or "no split", number)
+            for split, number in self.table.counts("split").items()
+        ]
+        title = f"Dataset of {len(self)} samples in {self.folder}"
+        return fragment(title, HtmlTable(("split", "samples"), sorted(counts)))
 
     @property
     def splits(self) -> list[str]:

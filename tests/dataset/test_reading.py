@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import csv
 import json
 import pickle
@@ -292,3 +293,11 @@ def test_a_picture_that_cannot_be_read_is_one_sentence(tmp_path: Path) -> None:
         with pytest.raises(ms.InputError, match="is no picture that can be read") as caught:
             contact_sheet([SheetRow(["a"], [Captioned(content, ["b"])])])
         assert "\n" not in str(caught.value)
+
+
+def test_a_notebook_shows_the_picture_of_a_sample_and_the_splits(made: Path) -> None:
+    dataset = ms.Dataset(made)
+    sample, shown = dataset[0], dataset[0]._repr_html_()
+    assert sample.key[:8] in shown and str(sample.values["exposure_s"]) in shown
+    assert base64.b64encode(sample.files["frame.png"]).decode() in shown
+    assert f"Dataset of {len(dataset)} samples" in dataset._repr_html_()

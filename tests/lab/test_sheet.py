@@ -207,9 +207,9 @@ def test_charge_and_light_that_spread_have_the_modulation_of_theory(
 
 def test_theory_of_a_star_is_the_mean_square_over_its_directions() -> None:
     """Of the apertures of the pixels, in all directions alike: the instrument adds less than 0.001."""
-    found = compared_rows(resized(TINY, 208, 208), "star", "leaves")
+    found = compared_rows(resized(TINY, 208, 208), "star")
     angles = np.linspace(0, 2 * np.pi, 721)[:-1]
-    said = {row.quantity.symbol: theory(row) for row in found.values() if row.chart == "star"}
+    said = {symbol: theory(row) for (_, symbol), row in found.items() if symbol != "MTF50"}
     for symbol, value in said.items():
         frequency = float(symbol[4:-1])
         squares = np.square(
@@ -397,7 +397,7 @@ def test_two_sheets_are_compared_figure_by_figure(tmp_path: Path, tiny_file: str
     assert abs(lines["s"]["z"]) < 4
     assert lines["s"]["ratio_low"] < 1 < lines["s"]["ratio_high"] or abs(lines["s"]["z"]) > 1.9
     assert "FMI" not in lines and any(
-        "not compared: 2 figures" in one for one in found["findings"]
+        one.startswith("not compared") for one in found["findings"]
     )
     assert (tmp_path / "c" / "comparison.csv").read_text("utf-8").count("\n") == len(lines) + 1
     assert f"Image quality of {TINY.name} and loud" in found["title"] and not found["verdict"]

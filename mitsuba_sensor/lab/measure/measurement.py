@@ -10,6 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...core import InputError
+from ...core.html import Table, facts, fragment
 from ..frames.bench import Bench
 from ..frames.clipping import ClippedError
 from ..frames.selection import (
@@ -88,6 +89,27 @@ class Measurement:
     refused: dict[str, str] = field(default_factory=dict)
     clipped: list[str] = field(default_factory=list)
     report: Callable[[str], object] = lambda title: None
+
+    def __repr__(self) -> str:
+        of_filter = f" of the {self.filter_name} filter" if self.filter_name else ""
+        figures = f"{len(self.figures)} figures, {len(self.refused)} instruments refused"
+        return f"<Measurement{of_filter}: {figures}, {len(self.notes)} notes>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                one.symbol,
+                one.name,
+                f"{one.value:.4g}",
+                f"{one.low:.4g} to {one.high:.4g}",
+                one.unit,
+            )
+            for one in self.figures.values()
+        ]
+        heading = "symbol", "figure", "value", "95 % interval", "unit"
+        return fragment(
+            "EMVA 1288 figures, measured", Table(heading, rows), facts(self.refused)
+        )
 
     def run(self, instrument: Instrument) -> None:
         """Keep figures, drawings and notes of an instrument, or the sentence with which it refuses."""
