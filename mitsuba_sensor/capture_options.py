@@ -114,7 +114,7 @@ class CaptureOptions(RenderOptions, LightOptions, total=False):
     half: Annotated[
         bool,
         Option(
-            "Write irradiance.exr in half precision, half the size: bands and errors are rounded by at most 0.05 %. "
+            "Write the bands of irradiance.exr in half precision, rounded by at most 0.05 %: a sixth of the size. "
             "--bandwidth-nm 40 makes it four times smaller again.",
             False,
         ),

@@ -12,7 +12,7 @@ from .camera.dual_pixels import has_several_readouts
 from .capture_options import CaptureOptions, LightOptions
 from .core import Exposure, Photons
 from .core.options import part_of
-from .files.webp import write_webp
+from .files.png import write_webp
 from .output.frame_files import VIDEO
 from .output.frames import Frames
 from .render.light.irradiance import Irradiance

@@ -1,6 +1,6 @@
 """What is typed wrong in Python: one InputError each, with the value or the way out, and nothing is written.
 
-tests/helpers/bad_inputs.py has more, with whole command lines.
+tests/data/wrong_inputs.txt has more, with whole command lines.
 """
 
 from __future__ import annotations
@@ -69,10 +69,14 @@ WRONG = {
     "ms.capture('flat_field', camera, 0.1)": "pass Exposure(time_s=0.1)",
     "ms.load_camera('sony_imx147')": "Did you mean 'sony_imx174'",
     "ms.load_camera('IMX 477')": "Did you mean 'raspberry_pi_hq'",
-    # what CALLS of helpers/bad_inputs.py leaves out
+    # arguments of exposures
     "ms.expose(ones, camera, exposure, first_frame=2**32)": "from 0 to 4294967295",
     "ms.expose(ones, camera, exposure, seed=2**64)": "seed is 18446744073709551616",
     "ms.expose(ones, camera, exposure, keep=None)": "keep names None",
+    "ms.expose(ones, camera, exposure, keep=ones)": "keep names array",
+    "ms.Exposure('9' * 5000)": "time_s is '999",  # took 27 s
+    "ms.capture('9' * 5000, camera, exposure)": "there is no file",
+    "ms.read_irradiance('\\0')": "No such file",
     "ms.expose(ones, 'scmos_dual_gain', exposure, keep='volts')": "scmos_dual_gain combines",
     "ms.expose(ones, camera, exposure, maps={'prnu': [['1.0'] * 4] * 4})": "not numeric",
     "ms.expose(ones, camera, exposure, maps={'prnu': ones * 1j})": "complex",

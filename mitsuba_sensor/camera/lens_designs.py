@@ -57,6 +57,7 @@ PLACEHOLDER = (1.5, 40.0)  # index and Abbe number that Zemax writes for glasses
 
 ZEMAX_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "METER": 1000.0, "M": 1000.0}
 CODEV_MM = {"M": 1.0, "C": 10.0, "I": 25.4}
+ZEMAX_TERMS = 8  # of an even asphere: r² to r¹⁶
 ASPHERES = "ABCDEFGHJ"  # of CODE V: A4, A6, … A20
 ZEMAX_REFUSED = re.compile("SQAP|SQOB|ELAP|ELOB|UDAD|UDOB|SPID|OBDC|SCBD")
 """Commands of apertures and surfaces that are not round or not centred; OBDC and SCBD of zeros have no effect."""
@@ -142,8 +143,11 @@ def _read_zemax(surface: DesignSurface, key: str, values: list[str], makers: lis
     elif key == "DIAM":
         surface.semi_diameter = float(values[0])
     elif key == "PARM":
-        if float(values[1]):
-            surface.aspheric[2 * int(values[0])] = float(values[1])
+        term, coefficient = int(values[0]), float(values[1])
+        if coefficient and not 1 <= term <= ZEMAX_TERMS:
+            raise ValueError(f"an even asphere has the terms 1 to {ZEMAX_TERMS}")
+        if coefficient:
+            surface.aspheric[2 * term] = coefficient
     elif key == "GLAS":
         _read_zemax_glass(surface, values, makers)
     elif key in ("CLAP", "FLAP", "OBSC"):  # rays pass, or stop, between two radii

@@ -5,7 +5,6 @@ The module of a command is loaded when the command is called: a shell completes,
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Iterable
 from importlib import import_module
@@ -14,12 +13,13 @@ from typing import Annotated, Any, NamedTuple
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
+from rich.protocol import is_renderable
 from rich.segment import Segment
 from rich.text import Text
 
 from .. import __version__, stopping
 from ..core.printable import printable
-from .help import Click, Command, Group, UsageError, flags_typed
+from .help import Click, Command, Group, UsageError
 
 
 class PrintableConsole(Console):
@@ -72,10 +72,6 @@ COMMANDS = {
 """In the order of use."""
 
 
-ARGUMENT = re.compile(r"(?:^|(?<= and ))[a-z]+(?:_[a-z]+)*(?= (?:is|has) | [\d.'-]+[;,])")
-"""The name of an argument at the beginning of a sentence about its value."""
-
-
 class Program(Group):
     """Runs a command: what a user did wrong becomes one sentence on stderr and exit code 2 (a full disk: 3)."""
 
@@ -111,36 +107,43 @@ class Program(Group):
         self.only_names = False
         return proposals
 
+    def make_context(self, *given: Click, **more: Click) -> Click:
+        """The program's own options are read here."""
+        try:
+            return super().make_context(*given, **more)
+        except UsageError as error:
+            _say(error, False)
+            raise typer.Exit(2) from None
+
     def invoke(self, ctx: Click) -> object:
         """Run the command that was called; errors end here."""
         from ..core import DiskFull, InputError, SensorWarning
         from ..render.variants import variant_restored
 
         stopping.begin_command()
-        Command.running = None
+        as_json = "--json" in (*ctx._protected_args, *ctx.args)
         try:
             with warnings.catch_warnings(), variant_restored():
                 warnings.simplefilter("ignore", SensorWarning)  # the notes are printed
                 return super().invoke(ctx)
         except DiskFull as error:
-            _say(error)
+            _say(error, as_json)
             raise typer.Exit(3) from None
         except (InputError, OSError, MemoryError, UsageError) as error:
-            _say(error)
+            _say(error, as_json)
             raise typer.Exit(2) from None
         except KeyboardInterrupt:  # where no signals can be waited for (Windows)
             err.print(stopping.sentence(), markup=False, highlight=False, soft_wrap=True)
             raise typer.Exit(130) from None
 
 
-def _say(error: Exception) -> None:
-    """One sentence on stderr."""
+def _say(error: Exception, as_json: bool) -> None:
+    """One sentence on stderr; for programs that read JSON also {"error": sentence} on stdout."""
     with stopping.whole_step:  # not if a stop has removed what this thread misses now
-        err.print(
-            f"[bold red]error:[/] {escape(_sentence(error))}",
-            highlight=False,
-            soft_wrap=True,
-        )
+        said = _sentence(error)
+        err.print(f"[bold red]error:[/] {escape(said)}", highlight=False, soft_wrap=True)
+        if as_json:
+            show({"error": said}, True)
 
 
 app = typer.Typer(
@@ -175,15 +178,20 @@ def program(
     """What is asked of the program itself."""
 
 
-def show(what: object, as_json: bool) -> None:
-    """JSON and text plain and whole, everything else as rich shows it."""
+def show(found: object, as_json: bool, shown: object = None) -> None:
+    """Print JSON whole and plain; for people ``shown``, or lines and tables of the same."""
     if as_json:
         from ..files.texts import to_json
 
-        typer.echo(to_json(what))
-    elif isinstance(what, str):
+        typer.echo(to_json(found))
+        return
+    what = found if shown is None else shown
+    if isinstance(what, str):
         typer.echo(printable(what, keep="\n\t"))
     else:
+        from .tables import view
+
+        what = what if is_renderable(what) else view(what)
         out.print(what, highlight=False, crop=False)
 
 
@@ -204,5 +212,4 @@ def _sentence(error: BaseException) -> str:
         return f"not enough memory ({error}); render a smaller picture (--width), fewer bands or fewer frames."
     if isinstance(error, OSError):
         return f"{error.filename or 'the system'}: {error.strerror or error}."
-    flags = flags_typed()  # a sentence about noise_ratio is one about --noise-ratio here
-    return ARGUMENT.sub(lambda match: flags.get(match[0], match[0]), str(error))
+    return str(error)

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
 
 import numpy as np
-import typer
 
 import mitsuba_sensor as ms
 
 from ..render.scene.scene_settings import SceneSettings
 from . import arguments, options
 from .app import app, show, show_remarks
-from .budget_sheet import combined_rows, combined_sheet, rows_of, sheet_of
-from .completion import shell_files
 from .help import Command
-from .tables import ResultTable
 from .values import Flag, number
 
 FIRST = ("electrons", "sweep", "camera", "readout", "exposure_s", "gain", "settings", "as_json")
@@ -23,56 +19,16 @@ SIDE = 128
 """Rows and columns of pixels in uniform light, at most."""
 USUAL_TIME_S = 0.01
 
-OptionalLight = Annotated[
-    str | None,
-    typer.Argument(
-        metavar="[IRRADIANCE.exr]",
-        help="The light of a render, as `render` wrote it; or give --electrons.",
-        show_default=False,
-        autocompletion=shell_files,
-    ),
-]
-MeanElectrons = Annotated[
-    str | None,
-    typer.Option(
-        "--electrons",
-        metavar="NUMBER",
-        help="Mean photoelectrons of every pixel, in uniform light.",
-        rich_help_panel="Light",
-    ),
-]
-OneReadout = Annotated[
-    str | None,
-    typer.Option(
-        "--readout",
-        metavar="NAME",
-        help="One read-out of a camera that has several. Default: all, and their combination.",
-        rich_help_panel="Camera and exposure",
-    ),
-]
-
-Sweep = Annotated[
-    bool,
-    typer.Option(
-        "--sweep",
-        help="The SNR curve instead: signal and noise at levels of uniform light, from 1 e- to saturation.",
-        rich_help_panel="Light",
-    ),
-]
-
 
 @app.command(
     cls=Command,
     epilog="Example: mitsuba-sensor budget --camera sony_imx174 --electrons 1000 --exposure-s 0.01",
 )
-@options.flags(
-    options.CameraFlags, without=("meter", "readout"), first=FIRST, source="that of the render"
-)
+@options.flags(options.CameraFlags, without=("meter",), first=FIRST)
 def budget(
-    irradiance: OptionalLight = None,
-    electrons: MeanElectrons = None,
-    readout: OneReadout = None,
-    sweep: Sweep = False,
+    irradiance: arguments.OptionalLight = None,
+    electrons: arguments.MeanElectrons = None,
+    sweep: arguments.Sweep = False,
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
@@ -82,9 +38,10 @@ def budget(
     frames.noise_budget().explain().
     """
     from ..core import InputError
+    from .inputs import camera_and_exposure, settings_of, taken_by_default
 
     if sweep:
-        if irradiance is not None or electrons is not None or readout is not None:
+        if irradiance is not None or electrons is not None or flags["readout"] is not None:
             raise InputError(
                 "--sweep chooses the levels of light itself; leave out the light and --readout."
             )
@@ -95,30 +52,33 @@ def budget(
             "give the light, and give it once: --electrons 1000 (mean photoelectrons of every pixel), or the "
             "irradiance.exr of a render."
         )
+    readout = flags.pop("readout")
     if irradiance is None:
-        frames, remarks = _in_uniform_light(electrons, flags)
+        settings = SceneSettings(exposure_s=USUAL_TIME_S)
     else:
-        frames, remarks = _in_light_of(irradiance, flags)
-    if readout is not None:
-        share = _light_share(frames.camera, readout)
-        frames = frames.readouts[readout]
-        if electrons is not None and share != 1:
-            own_e = share * float(number(electrons))
+        settings = settings_of(irradiance, flags)
+    camera, exposure = camera_and_exposure(flags, settings)
+    remarks = taken_by_default(flags, settings, camera)
+    if irradiance is None:
+        light: ms.Photons | ms.Irradiance = _uniform_light(electrons, camera, exposure)
+        if flags["exposure_s"] is None:
             remarks.append(
-                f"{electrons} e- on the first read-out are {own_e:.4g} e- on {readout}"
+                f"taken by default: an exposure of {USUAL_TIME_S:g} s (--exposure-s)"
             )
-    if frames.camera.readouts:
-        show(combined_rows(frames) if as_json else combined_sheet(frames), as_json)
     else:
-        show(rows_of(frames) if as_json else sheet_of(frames), as_json)
+        light = ms.read_irradiance(irradiance)
+    frames = ms.expose(light, camera, exposure, progress=False)
+    if readout is not None:
+        camera.at_readout(readout)
+        frames = frames.readouts[readout]
+    show(_facts(frames), as_json, None if as_json else _text(frames))
     show_remarks(as_json, remarks)
 
 
 def _show_sweep(as_json: bool, flags: options.Flags) -> None:
     """Show the SNR curve of the camera."""
     from ..core import InputError
-    from .inputs import camera_and_exposure
-    from .remarks import taken_by_default
+    from .inputs import camera_and_exposure, taken_by_default
 
     settings = SceneSettings(exposure_s=USUAL_TIME_S)
     camera, exposure = camera_and_exposure(flags, settings)
@@ -127,70 +87,72 @@ def _show_sweep(as_json: bool, flags: options.Flags) -> None:
             "--exposure-s is auto, and --sweep has no image to meter; give seconds, e.g. 0.01."
         )
     curve = ms.snr_curve(camera, exposure)
-    columns = {
-        "electrons": curve.electrons,
-        "signal_dn": curve.signal_dn,
-        "temporal_dn": curve.temporal_dn,
-        "spatial_dn": curve.spatial_dn,
-        "snr": curve.snr,
-        "total_snr": curve.total_snr,
-    }
-    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-    table = ResultTable(
-        (
-            "electrons [e-]",
-            "signal [DN]",
-            "temporal σ [DN]",
-            "spatial σ [DN]",
-            "SNR",
-            "total SNR",
-        ),
-        f"SNR of {curve.camera} at {curve.exposure.time_s:g} s",
-        "SNR: signal over temporal noise (EMVA 1288); total SNR: over temporal and spatial noise",
+    names = "electrons", "signal_dn", "temporal_dn", "spatial_dn", "snr", "total_snr"
+    rows = zip(*(getattr(curve, name) for name in names), strict=True)
+    show([dict(zip(names, map(float, row), strict=True)) for row in rows], as_json)
+    about = (
+        f"{curve.camera} at {curve.exposure.time_s:g} s; snr: signal over temporal noise (EMVA 1288); total_snr: over "
+        "temporal and spatial noise"
     )
-    for row in rows:
-        table.add_row(*(f"{value:.4g}" for value in row.values()))
-    show(rows if as_json else table, as_json)
-    show_remarks(as_json, taken_by_default(flags, settings, camera))
+    show_remarks(as_json, [about, *taken_by_default(flags, settings, camera)])
 
 
-def _light_share(camera: ms.Camera, readout: str) -> float:
-    """Photoelectrons of a read-out over those of the first one. Raises InputError for one that there is not."""
-    camera.at_readout(readout)
-    [chain] = [one for one in camera.combined_readouts.readouts if one.name == readout]
-    return chain.light_ratio
-
-
-def _in_uniform_light(
-    electrons: str | None, flags: options.Flags
-) -> tuple[ms.Frames, list[str]]:
-    """A frame of equal pixels, and what was taken by default."""
+def _uniform_light(electrons: str | None, camera: ms.Camera, exposure: object) -> ms.Photons:
+    """So many photoelectrons in every pixel."""
     from ..core import InputError, require
-    from .inputs import camera_and_exposure
-    from .remarks import taken_by_default
 
     mean_e = require("electrons", number(str(electrons)), 0, 1e9, "per pixel, e.g. 1000")
-    if flags["exposure_s"] == "auto":
+    if not isinstance(exposure, ms.Exposure):
         raise InputError(
             "--exposure-s is auto, and --electrons are those of one exposure; give its seconds."
         )
-    settings = SceneSettings(exposure_s=USUAL_TIME_S)
-    camera, exposure = camera_and_exposure(flags, settings)
     rows, columns = (min(n, SIDE) for n in (camera.sensor.rows, camera.sensor.columns))
-    light = ms.Photons(np.full((rows, columns), mean_e), detected=True)
-    remarks = taken_by_default(flags, settings, camera)
-    if flags["exposure_s"] is None:
-        remarks.append(f"taken by default: an exposure of {USUAL_TIME_S:g} s (--exposure-s)")
-    return ms.expose(light, camera, exposure), remarks
+    return ms.Photons(np.full((rows, columns), mean_e), detected=True)
 
 
-def _in_light_of(irradiance: str, flags: options.Flags) -> tuple[ms.Frames, list[str]]:
-    """A frame in the light of a render, and what was taken by default."""
-    from ..output.exr import rendered_for
-    from .inputs import camera_and_exposure, settings_of
-    from .remarks import taken_by_default
+def _facts(frames: ms.Frames) -> object:
+    """The rows of the noise budget; of several read-outs those of each, and the combination."""
+    if not frames.camera.readouts:
+        return [row._asdict() for row in frames.noise_budget().rows]
+    rows = {name: _facts(one) for name, one in frames.readouts.items()}
+    return {"readouts": rows, "combination": _combination(frames)}
 
-    settings = settings_of(rendered_for(irradiance), flags)
-    camera, exposure = camera_and_exposure(flags, settings)
-    frames = ms.expose(ms.read_irradiance(irradiance), camera, exposure, progress=False)
-    return frames, taken_by_default(flags, settings, camera)
+
+def _combination(frames: ms.Frames) -> dict[str, object]:
+    """What theory says of the linear code, and by how many pixels each read-out alone counts.
+
+    snr_db : of a pixel, mean over black against temporal noise; None in darkness.
+    """
+    from ..output.readout_files import readout_facts
+    from ..stages.stage import converter_of
+
+    found = frames.theory.averages(frames.stages[-1])
+    signal_dn, snr_db = found.mean - converter_of(frames.stages).black_level_dn, None
+    if signal_dn > 0 and found.temporal > 0:
+        snr_db = 20 * math.log10(signal_dn / math.sqrt(found.temporal))
+    return {
+        "mean_dn": found.mean,
+        "temporal_dn2": found.temporal,
+        "spatial_dn2": found.spatial,
+        "snr_db": snr_db,
+        "share_of_pixels": {
+            str(one["name"]): one["share_of_pixels"] for one in readout_facts(frames) or []
+        },
+    }
+
+
+def _text(frames: ms.Frames, name: str = "") -> str:
+    """The camera and its noise budget; of several read-outs that of each, and the combination."""
+    from .tables import cell
+
+    if frames.camera.readouts:
+        each = [_text(one, name) for name, one in frames.readouts.items()]
+        combined = (f"{key}: {cell(value)}" for key, value in _combination(frames).items())
+        return "\n\n".join([*each, "\n".join(["combined", *combined])])
+    camera, exposure = frames.camera, frames.first.exposure
+    readout = f", read-out {name}" if name else ""
+    setting = f" at gain {camera.gain}" if camera.gain is not None else ""
+    return (
+        f"{camera.name}{readout}{setting}, K = {camera.system_gain_dn_per_e:.4g} DN/e-, {exposure.time_s:g} s at "
+        f"{exposure.temperature_k:g} K\n{frames.noise_budget().explain()}"
+    )

@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
-from rich.text import Text
 
 import mitsuba_sensor as ms
 
 from ..camera.fingerprint import flat_fields
 from ..camera.shipped import DEFAULT_CAMERA
 from . import arguments, options
-from .app import app, show
+from .app import app, show, show_remarks
 from .help import Command, Group
-from .tables import ResultTable, short
 from .values import Flag
-
-if TYPE_CHECKING:
-    from ..camera.camera_check import CameraFinding
-    from ..camera.figures import EmvaFigures
-
-MOST_LABELS = 3
-"""Gain settings that `cameras list` names one by one."""
 
 cameras = typer.Typer(
     cls=Group,
@@ -47,20 +38,14 @@ def list_command(search: arguments.SearchText = None, as_json: arguments.Json = 
         raise InputError(
             f"no camera has {' '.join(search or ())!r} in name or description; `cameras list` has all of them."
         )
-    known = [ms.load_camera(name) for name in names]
-    table = ResultTable(("camera", "type", "pixels", "gains or read-outs", "what it is"))
-    for one in known:
-        size = f"{one.sensor.columns} × {one.sensor.rows}"
-        gains = _gain_range(one)
-        table.add_row(one.name, one.sensor.technology, size, gains, one.description)
-    found = list[dict[str, object]]()
-    for one in known:
-        facts: dict[str, object] = {"name": one.name, "description": one.description}
+    found = []
+    for one in map(ms.load_camera, names):
+        facts: dict[str, object] = {"name": one.name}
         facts |= one.sensor.model_dump(include={"technology", "columns", "rows"})
         facts["gains"] = [setting.label for setting in one.gains]
         facts["readouts"] = [readout.name for readout in one.readouts]
-        found.append(facts)
-    show(found if as_json else table, as_json)
+        found.append(facts | {"description": one.description})
+    show(found, as_json)
 
 
 @cameras.command(
@@ -69,27 +54,78 @@ def list_command(search: arguments.SearchText = None, as_json: arguments.Json = 
     epilog="Example: mitsuba-sensor cameras new my.toml --like bayer_2mp --set adc.bits=14",
 )
 @options.flags(options.NewCameraFlags)
-def new_camera(new_file: arguments.NewFile, **flags: Flag) -> None:
+def new_camera(
+    new_file: arguments.NewFile, as_json: arguments.Json = False, **flags: Flag
+) -> None:
     """Write a camera file to change: every key with unit, range, meaning, and where its value comes from.
 
     It loads as the camera that it is like, or, with --emva, as the camera of an EMVA 1288 sheet. `cameras check FILE`
     says what is wrong after a change.
     """
-    from ..files.texts import write_page
-    from .new_camera import new_camera_of
+    from ..camera.emva_sheet import camera_of_sheet, comparisons, read_sheet
+    from ..core import InputError
+    from . import inputs
 
-    file = _camera_file(new_file, flags["force"])
-    camera, notes = new_camera_of(flags, file)
-    write_page(file, camera.to_toml())
-    if flags["emva"]:
-        of = "of an EMVA 1288 sheet"
-    else:
-        of = f"like {flags['like'] or DEFAULT_CAMERA}"
-    show(
-        f"{file} is a camera {of}; change it, then: mitsuba-sensor cameras check {file}", False
+    file, changes = (
+        inputs.new_file(new_file, "my.toml", flags["force"]),
+        inputs.changes_of(flags),
     )
-    for note in notes:
-        show(f"note: {note}", False)
+    name = flags["name"] or file.stem
+    if flags["emva"] and flags["like"]:
+        raise InputError(
+            "--emva takes the numbers of a sheet, and --like those of a camera; give one of both."
+        )
+    if flags["emva"]:
+        sheet, source = read_sheet(flags["emva"]), "its EMVA 1288 sheet"
+        description = flags["description"] or "by its EMVA 1288 sheet"
+        camera = camera_of_sheet(sheet, name, description).replace(**changes)
+        notes = comparisons(sheet, camera)
+    else:
+        like = ms.load_camera(flags["like"] or DEFAULT_CAMERA)
+        source, description = like.name, flags["description"] or f"a camera like {like.name}"
+        camera, notes = _like(like, {**changes, "name": name, "description": description})
+    _write(file, camera.without(*flags["without"] or ()), as_json, source, notes)
+
+
+def _write(file: Path, camera: ms.Camera, as_json: bool, source: str, notes: list[str]) -> None:
+    """Write a camera file, and say where its numbers come from."""
+    from ..files.texts import write_page
+
+    write_page(file, camera.to_toml())
+    sources = dict(camera.sources)
+    assumed = sorted(field for field, text in sources.items() if text.startswith("assumed"))
+    found = {"file": str(file), "name": camera.name, "sources": sources, "assumed": assumed}
+    said = f"{file} is {camera.name}, from {source}: {len(assumed)} of {len(sources)} numbers are assumed"
+    show(found | {"notes": notes}, as_json, f"{said} (see [sources])")
+    after = f"change it, then: mitsuba-sensor cameras check {file}"
+    show_remarks(as_json, [*(f"note: {note}" for note in notes), after])
+
+
+def _like(like: ms.Camera, changes: Mapping[str, object]) -> tuple[ms.Camera, list[str]]:
+    """A camera with the numbers of another one but for some, and what is kept. Raises InputError.
+
+    Sources and gain settings are kept where they are true of it: another K has no source, and gain settings whose
+    numbers are changed are left out.
+    """
+    from ..camera.camera import SET_BY_USER
+    from ..camera.gain_ladder import SAME, SET
+
+    camera, notes = like.replace(**changes), list[str]()
+    old_k, k = like.system_gain_dn_per_e, camera.system_gain_dn_per_e
+    same_k = math.isclose(old_k, k, rel_tol=SAME)
+    if not same_k:
+        notes.append(f"K is {k:.4g} DN/e- (that of {like.name}: {old_k:.4g})")
+    is_stale = not same_k or bool({*SET.values()} & changes.keys())
+    if like.gains and "gains" not in changes and is_stale:
+        camera = camera.replace(gains=None, gain=None)
+        notes.append("its gain settings are left out, because they have other numbers")
+    sources = dict(camera.sources)
+    for field, text in sources.items():
+        if camera.name != like.name and text != SET_BY_USER:
+            sources[field] = f"assumed: as {like.name}: {text}"
+    if not same_k and "adc.full_scale_v" not in changes:
+        sources.pop("adc.full_scale_v", None)
+    return camera.replace(sources=sources), notes
 
 
 @cameras.command(
@@ -109,28 +145,13 @@ def import_command(
     [sources] of the file says where each number comes from; what the source does not say is marked "assumed:". --set
     fields of the camera that it is like hold for the conversion, adc.bits for example.
     """
-    from ..files.texts import write_page
     from ..output.importers.import_camera import import_camera
-    from .inputs import changes_of
+    from .inputs import changes_of, new_file
 
-    file = _camera_file(out, flags["force"])
-    like = ms.load_camera(flags["like"])
-    camera = import_camera(sources, like.replace(**changes_of(flags)), flags["name"])
-    write_page(file, camera.to_toml())
-    assumed = sorted(
-        field for field, text in camera.sources.items() if text.startswith("assumed")
-    )
-    said = {
-        "file": str(file),
-        "name": camera.name,
-        "sources": dict(camera.sources),
-        "assumed": assumed,
-    }
-    text = f"{file} is {camera.description}; {len(assumed)} of {len(camera.sources)} numbers are assumed"
-    show(
-        said if as_json else f"{text} (see [sources]); mitsuba-sensor cameras check {file}",
-        as_json,
-    )
+    file = new_file(out, "my.toml", flags["force"])
+    like = ms.load_camera(flags["like"]).replace(**changes_of(flags))
+    camera = import_camera(sources, like, flags["name"])
+    _write(file, camera, as_json, camera.description, [])
 
 
 @cameras.command("check", cls=Command, epilog="Example: mitsuba-sensor cameras check my.toml")
@@ -146,33 +167,25 @@ def check_camera(
     from .inputs import changes_of
 
     found, changes = ms.check_camera(name), changes_of(flags)
-    if changes:
-        found = _findings_with(changes, name, found)
-    lines, airy, pixel_mtf = [*map(str, found)], None, None
+    if changes and not any(one.level == "error" for one in found):
+        changed = ms.load_camera(name).replace(**changes).to_toml()
+        of_changed = ms.check_camera(tomllib.loads(changed))
+        found = tuple(replace(one, file=f"{name} with --set") for one in of_changed)
     is_wrong = any(one.level == "error" for one in found)
+    checked: dict[str, object] = {"findings": [one.to_dict() for one in found]}
+    checked |= {"airy_disk": None, "pixel_mtf": None}
+    lines = [*map(str, found)]
     if not is_wrong:
         camera = ms.load_camera(name).replace(**changes)
-        airy = image_record.airy_record(camera)
-        pixel_mtf = image_record.pixel_mtf_record(camera)
         lines += [f"{name}: {line}" for line in image_record.optics_sentences(camera)]
-    lines.append(_verdict(name, found))
-    findings = [one.to_dict() for one in found]
-    checked = {"findings": findings, "airy_disk": airy, "pixel_mtf": pixel_mtf}
-    show(checked if as_json else "\n".join(lines), as_json)
+        checked["airy_disk"] = image_record.airy_record(camera)
+        checked["pixel_mtf"] = image_record.pixel_mtf_record(camera)
+    levels = [one.level for one in found]
+    counts = [f"{levels.count(x)} {x}(s)" for x in ("error", "warning") if x in levels]
+    lines.append(f"{name}: {', '.join(counts) or 'nothing is wrong'}")
+    show(checked, as_json, "\n".join(lines))
     if is_wrong:
         raise typer.Exit(2)
-
-
-def _findings_with(
-    changes: dict[str, object], name: str, of_file: tuple[CameraFinding, ...]
-) -> tuple[CameraFinding, ...]:
-    """What is wrong or unusual with --set, in no line of the file; of a file that does not load, its own errors."""
-    try:
-        camera = ms.load_camera(name)
-    except ms.InputError:
-        return of_file
-    found = ms.check_camera(tomllib.loads(camera.replace(**changes).to_toml()))
-    return tuple(replace(one, file=f"{name} with --set") for one in found)
 
 
 @cameras.command(
@@ -182,61 +195,44 @@ def show_camera(
     name: arguments.CameraName, as_toml: arguments.Toml = False, as_json: arguments.Json = False
 ) -> None:
     """Every number of one camera, with its unit (the end of the field's name) and where it comes from."""
-    from ..camera.figures import figures_if_any
-    from .readouts import hdr_facts, readout_table
+    from ..camera.figures import emva_figures, figures_if_any
+    from ..theory.dynamic_range import hdr_figures
 
-    camera = ms.load_camera(name)
+    camera, dark = ms.load_camera(name), ms.Exposure(0.0)
     if as_toml:
         return show(camera.to_toml().rstrip("\n"), False)
-    fields = camera.model_dump(mode="json")
-    figures = figures_if_any(camera)
-    found = {
-        "sources": dict(camera.sources),
-        "notes": list(camera.notes),
-        "emva1288": figures and figures.to_dict(),
-        "hdr": hdr_facts(camera),
-    }
-    show({**fields, **found} if as_json else _field_table(camera), as_json)
-    if camera.gains and not as_json:
-        show(_settings(camera), False)
-    if camera.readouts and not as_json:
-        show(readout_table(camera), False)
-    if figures and not as_json:
-        both = ", of both photodiodes together" if camera.sensor.dual_pixel else ""
-        show(_figure_table(figures, both), False)
-    for note in () if as_json else camera.notes:
-        show(f"note: {note}", False)
-
-
-def _gain_range(camera: ms.Camera) -> str:
-    """Its gain settings in short, for --gain, or how often it reads every pixel."""
+    fields, figures = camera.model_dump(mode="json"), figures_if_any(camera)
+    hdr = hdr_figures(camera, dark).to_dict() if camera.readouts else None
+    notes = {"sources": dict(camera.sources), "notes": list(camera.notes)}
+    found = {**fields, **notes, "emva1288": figures and figures.to_dict(), "hdr": hdr}
+    tables: dict[str, object] = {"fields": _fields(camera)}
+    if camera.gains:
+        tables["gain settings"] = [
+            {"gain setting": f"{one.label}{' (set)' if one.label == camera.gain else ''}"}
+            | one.model_dump(exclude={"name", "iso"}, exclude_none=True)
+            for one in camera.gains
+        ]
     if camera.readouts:
-        return f"{len(camera.readouts)} read-outs"
-    labels = [one.label for one in camera.gains]
-    if len(labels) > MOST_LABELS:
-        return f"{labels[0]} … {labels[-1]} ({len(labels)})"
-    return ", ".join(labels) or "–"
+        tables["read-outs"] = {
+            name: {x.symbol: x.value for x in emva_figures(one, dark).table()}
+            for name, one in camera.readout_cameras.items()
+        }
+        tables["combined"] = [hdr]
+    if figures:
+        both = ", of both photodiodes together" if camera.sensor.dual_pixel else ""
+        title = f"EMVA 1288, from the datasheet, short exposure{both}"
+        tables[title] = [one._asdict() for one in figures.table()]
+    show(found, as_json, tables)
+    show_remarks(as_json, [f"note: {note}" for note in camera.notes])
 
 
-def _field_table(camera: ms.Camera) -> ResultTable:
+def _fields(camera: ms.Camera) -> list[dict[str, object]]:
     """A row for every number of the camera."""
-    table = ResultTable(("field", "value", "source"))
     own = camera.model_dump(mode="json", exclude={"sources", "gains", "readouts"})
-    for name, value in flat_fields(own):
-        source = short(camera.sources.get(name, ""))
-        table.add_row(name, Text(short(value)), Text(source, style="dim"))
-    return table
-
-
-def _figure_table(figures: EmvaFigures, of_what: str) -> ResultTable:
-    """of_what : end of the title, for dual pixels."""
-    table = ResultTable(
-        ("symbol", "value", "unit", "what it is"),
-        title=f"EMVA 1288, from the datasheet, short exposure{of_what}",
-    )
-    for one in figures.table():
-        table.add_row(one.symbol, f"{one.value:.5g}", one.unit, one.name)
-    return table
+    return [
+        {"field": name, "value": value, "source": camera.sources.get(name, "")}
+        for name, value in flat_fields(own)
+    ]
 
 
 @cameras.command(cls=Command)
@@ -270,62 +266,15 @@ def lenses(as_json: arguments.Json = False) -> None:
     from ..camera.lens_file import list_lenses
     from ..optics.traced_lens import cardinal_points
 
-    default = ms.load_camera(DEFAULT_CAMERA).replace(
-        **{"lens.f_number": 64.0}
-    )  # every lens can close so far
-    known = [default.replace(**{"lens.prescription": name}).lens for name in list_lenses()]
-    lengths = [
-        (one.prescription, cardinal_points(one).focal_length)
-        for one in known
-        if one.prescription is not None
-    ]
-    found = [
-        {"name": x.name, "focal_length_mm": f, "surfaces": len(x.surfaces), "source": x.source}
-        for x, f in lengths
-    ]
-    table = ResultTable(("lens", "focal length", "surfaces", "source"))
-    for x, f in lengths:
-        table.add_row(x.name, f"{f:.4g} mm", str(len(x.surfaces)), x.source)
-    show(found if as_json else table, as_json)
-
-
-def _settings(camera: ms.Camera) -> ResultTable:
-    """One row per gain setting, with what it has in place of the camera's own numbers."""
-    from ..camera.gain_ladder import SET
-
-    names = [
-        name for name in ("gain_dn_per_e", *SET) if getattr(camera.gains[0], name) is not None
-    ]
-    table = ResultTable(("gain setting", *names), caption=camera.sources.get("gains", ""))
-    for one in camera.gains:
-        chosen = ""
-        if one.label == camera.gain:
-            chosen = " (set)"
-        table.add_row(f"{one.label}{chosen}", *(f"{getattr(one, name):g}" for name in names))
-    return table
-
-
-def _camera_file(name: str, force: bool) -> Path:
-    """The path of a camera file to write. Raises InputError."""
-    from ..core import InputError
-
-    file = Path(name)
-    if file.suffix != ".toml":
-        raise InputError(
-            f"{name or 'an empty text'} is no name of a camera file; let it end in .toml."
+    found = []
+    for name in list_lenses():  # every lens can close to f/64
+        closed = {"lens.f_number": 64.0, "lens.prescription": name}
+        lens = ms.load_camera(DEFAULT_CAMERA).replace(**closed).lens
+        prescription = lens.prescription
+        assert prescription is not None
+        focal_mm = cardinal_points(lens).focal_length
+        facts = {"name": prescription.name, "focal_length_mm": focal_mm}
+        found.append(
+            {**facts, "surfaces": len(prescription.surfaces), "source": prescription.source}
         )
-    if file.exists() and not (force and file.is_file()):
-        remedy = "give another name"
-        if file.is_file():
-            remedy = "--force writes over it, or give another name"
-        raise InputError(f"{file} exists already; {remedy}.")
-    return file
-
-
-def _verdict(name: str, found: Sequence[CameraFinding]) -> str:
-    """The last line of a check."""
-    counts = [
-        (sum(one.level == level for one in found), level) for level in ("error", "warning")
-    ]
-    said = ", ".join(f"{n} {level}{'s' if n > 1 else ''}" for n, level in counts if n)
-    return f"{name}: {said or 'nothing is wrong'}"
+    show(found, as_json)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import typer
@@ -22,12 +23,6 @@ from .app import app, err, show, show_remarks
 from .help import Command
 from .values import Flag, number
 
-LEVELS = {
-    "black": "bold red",
-    "wrong": "bold yellow",
-    "note": "",
-    "fact": "dim",
-}  # of a finding of lint → its style
 FIRST_OF_CAMERA = ("camera", "exposure_s", "gain", "settings")
 FIRST_OF_EXPOSE = ("out_dir", "dng", "clean", "as_json", *FIRST_OF_CAMERA, "frames")
 FIRST_OF_RENDER = (*FIRST_OF_EXPOSE, "width", "spp")
@@ -54,10 +49,8 @@ def render(
     from ..files.appearing import output_folder
     from ..files.sensor_names import ALL_SENSORS
     from ..output.frame_files import CAPTURE_FILES
-    from .inputs import render_input
+    from .inputs import render_input, taken_by_default
     from .progress import render_progress
-    from .remarks import taken_by_default, written
-    from .terminal import summary
 
     if flags["sensor"] == ALL_SENSORS:
         return _render_sensors(scene, Path(out_dir), as_json, flags)
@@ -70,23 +63,32 @@ def render(
             given.scene, given.camera, given.exposure, progress=progress, **asked
         )
         found.save(folder)
-    report = found.metadata
-    show(report if as_json else summary(report, str(out_dir)), as_json)
     defaults = taken_by_default(flags, given.scene.settings, given.camera)
-    show_remarks(as_json, [*defaults, written(out_dir, CAPTURE_FILES)])
+    _print_frames(found.metadata, out_dir, CAPTURE_FILES, as_json, defaults)
+
+
+def _print_frames(
+    report: Mapping[str, object],
+    folder: str,
+    names: Sequence[str],
+    as_json: bool,
+    remarks: Sequence[str],
+) -> None:
+    """frame.json, or its summary and which files there are.  names : of the files that the command writes."""
+    from .inputs import written
+    from .terminal import summary
+
+    show(report, as_json, summary(report, folder))
+    show_remarks(as_json, [*remarks, written(folder, names)])
 
 
 def _render_sensors(scene: str, out_dir: Path, as_json: bool, flags: options.Flags) -> None:
     """``render --sensor all``: a folder below ``out_dir`` for each sensor of the scene."""
-    from rich.console import Group
-
     from ..capture import capture_sensors
     from ..files.appearing import output_folders
     from ..output.frame_files import CAPTURE_FILES
-    from .inputs import render_inputs
+    from .inputs import render_inputs, taken_by_default
     from .progress import render_progress
-    from .remarks import taken_by_default, written
-    from .terminal import summary
 
     views, flags_left = render_inputs(scene, flags)
     asked = complete(CaptureOptions, flags_left)
@@ -98,15 +100,13 @@ def _render_sensors(scene: str, out_dir: Path, as_json: bool, flags: options.Fla
         found = capture_sensors(views, asked, progress)
         for name, one in found.sensors.items():
             one.write(folders[name])
-    reports = {name: one.metadata for name, one in found.sensors.items()}
-    pages = [summary(one, str(out_dir / name)) for name, one in reports.items()]
-    show(reports if as_json else Group(*pages), as_json)
-    remarks = dict[str, None]()
-    for view in views.values():
-        assert view.camera is not None
-        remarks |= dict.fromkeys(taken_by_default(flags, view.scene.settings, view.camera))
-    wrote = [written(out_dir / name, CAPTURE_FILES) for name in views]
-    show_remarks(as_json, [*remarks, *wrote])
+    if as_json:
+        return show({name: one.metadata for name, one in found.sensors.items()}, True)
+    for name, one in found.sensors.items():
+        camera = views[name].camera
+        assert camera is not None
+        defaults = taken_by_default(flags, views[name].scene.settings, camera)
+        _print_frames(one.metadata, str(out_dir / name), CAPTURE_FILES, False, defaults)
 
 
 @app.command(
@@ -119,8 +119,6 @@ def _render_sensors(scene: str, out_dir: Path, as_json: bool, flags: options.Fla
     LightOptions,
     RawLightOptions,
     first=FIRST_OF_EXPOSE,
-    source="that of the render",
-    helps={"seed": "Seed of all temporal noise. Default: 1."},
 )
 def expose(
     irradiance: arguments.IrradianceFile,
@@ -134,17 +132,14 @@ def expose(
     Writes frame.tiff, frame.png and frame.json into DIR (and those of --dng and --clean if asked for): all, or none.
     """
     from ..files.appearing import output_folder, refuse_empty
-    from ..output.exr import rendered_for
     from ..output.frame_files import FRAME_FILES
-    from .inputs import camera_and_exposure, other_flags, settings_of
+    from .inputs import camera_and_exposure, other_flags, settings_of, taken_by_default
     from .progress import render_progress
-    from .remarks import taken_by_default, written
-    from .terminal import summary
 
     refuse_empty(irradiance, "irradiance", "give the path of an irradiance.exr")
     foreign = {name: flags.pop(name) for name in UnitOptions.__annotations__}
     _refuse_lens(flags, foreign["unit"])
-    settings = settings_of(rendered_for(irradiance), flags)
+    settings = settings_of(irradiance, flags)
     camera, exposure = camera_and_exposure(flags, settings)
     light: ms.Irradiance | str = irradiance
     if any(value is not None for value in foreign.values()):
@@ -153,10 +148,8 @@ def expose(
     with output_folder(out_dir, FRAME_FILES) as folder, bar as progress:
         found = ms.capture(light, camera, exposure, progress=progress, **other_flags(flags))
         found.save(folder)
-    report = found.metadata
-    show(report if as_json else summary(report, str(out_dir)), as_json)
     defaults = taken_by_default(flags, settings, camera)
-    show_remarks(as_json, [*defaults, written(out_dir, FRAME_FILES)])
+    _print_frames(found.metadata, out_dir, FRAME_FILES, as_json, defaults)
 
 
 @app.command(
@@ -164,12 +157,7 @@ def expose(
     epilog="Example: mitsuba-sensor plan out/irradiance.exr --exposure-s 0.001 --tolerance-dn 0.02",
 )
 @options.flags(
-    options.CameraFlags,
-    UnitOptions,
-    LevelOptions,
-    RenderOptions,
-    first=FIRST_OF_PLAN,
-    source="that of the scene file or render",
+    options.CameraFlags, UnitOptions, LevelOptions, RenderOptions, first=FIRST_OF_PLAN
 )
 def plan(
     source: arguments.SceneOrIrradiance,
@@ -177,18 +165,12 @@ def plan(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Say which stages this light and exposure need, how far each moves the numbers, and the time that is saved.
-
-    Writes nothing. Times are medians of five interleaved runs on this machine.
-    """
+    """Say which stages this light and exposure need, and how far each moves the numbers. Writes nothing."""
     from ..core import InputError, require
-    from ..output.exr import rendered_for
     from ..render.light.photons import metered
     from ..sensor.metering import Metering
-    from .inputs import camera_and_exposure, render_input, settings_of
+    from .inputs import camera_and_exposure, render_input, settings_of, taken_by_default
     from .progress import render_progress
-    from .remarks import taken_by_default
-    from .terminal import plan_sheet
 
     tolerance = require(
         "tolerance_dn", number(tolerance_dn), 0.0, 1e9, "digital numbers, e.g. 0.02"
@@ -199,7 +181,7 @@ def plan(
         _refuse_lens(flags, foreign["unit"])
         wavelength_nm, flags["wavelength_nm"] = flags["wavelength_nm"], None
         refuse_render_options(flags)
-        settings = settings_of(rendered_for(source), flags)
+        settings = settings_of(source, flags)
         camera, exposure = camera_and_exposure(flags, settings)
         light = ms.read_irradiance(
             source, wavelength_nm=wavelength_nm, camera=camera, **foreign
@@ -218,14 +200,10 @@ def plan(
         light = light.with_lights(lights)
     if isinstance(exposure, Metering):
         exposure = metered(light, camera, exposure)
-    found = ms.plan(
-        camera, exposure, ms.collect(light, camera, exposure), tolerance_dn=tolerance
-    )
-    if as_json:
-        show(found.to_dict(), True)
-    else:
-        show(plan_sheet(found), False)
-        show_remarks(False, taken_by_default(flags, settings, camera))
+    photons = ms.collect(light, camera, exposure)
+    found = ms.plan(camera, exposure, photons, tolerance_dn=tolerance)
+    show(found.to_dict(), as_json, found.explain())
+    show_remarks(as_json, taken_by_default(flags, settings, camera))
 
 
 def _refuse_lens(flags: options.Flags, unit: str | None) -> None:
@@ -250,7 +228,6 @@ def _refuse_lens(flags: options.Flags, unit: str | None) -> None:
     options.MapFlags,
     without=("exposure_s", "meter", "temperature_k"),
     first=("out_file", "camera", "gain", "serial", "rows", "width", "as_json"),
-    source="",
 )
 def fpn_maps(
     out_file: arguments.MapFile, as_json: arguments.Json = False, **flags: Flag
@@ -259,43 +236,29 @@ def fpn_maps(
 
     To look at, to change, or to replace by measured ones: `render … --fpn-maps FILE.npz` takes such a file.
     """
-    from ..core import InputError, first_given, require
-    from ..files.appearing import refuse_empty
+    from ..core import first_given, require
     from ..files.npz import write_fpn_maps
-    from .inputs import NO_SCENE, camera_and_exposure, other_flags
-    from .remarks import taken_by_default
-    from .terminal import map_list
+    from .inputs import NO_SCENE, camera_of, new_file, other_flags, taken_by_default
 
     asked = complete(options.MapFlags, other_flags(flags))
-    refuse_empty(out_file, "-o", "give the name of a file, e.g. -o camera1.npz")
-    path = Path(out_file)
-    if path.suffix != ".npz":
-        raise InputError(f"{out_file} is no name of a file of FPN maps; let it end in .npz.")
-    camera, _ = camera_and_exposure(flags)
-    for name, given, pixels in (
+    path = new_file(out_file, "camera1.npz")
+    camera = camera_of(flags)
+    shape = []
+    for name, wanted, pixels in (
         ("rows", asked["rows"], camera.sensor.rows),
         ("width", asked["width"], camera.sensor.columns),
     ):
-        require(
-            name,
-            first_given(given, pixels),
-            1,
-            pixels,
-            f"pixels, at most those of {camera.name}",
-        )
-    shape = (
-        first_given(asked["rows"], camera.sensor.rows),
-        first_given(asked["width"], camera.sensor.columns),
-    )
-    found = ms.fpn_maps(camera, shape, serial=asked["serial"])
+        size, of_camera = first_given(wanted, pixels), f"pixels, those of {camera.name}"
+        shape.append(int(require(name, size, 1, pixels, f"{of_camera} at most")))
+    found = ms.fpn_maps(camera, (shape[0], shape[1]), serial=asked["serial"])
     write_fpn_maps(path, found)
     spread = {
         name: {"mean": float(x.mean()), "sigma": float(x.std()), "shape": x.shape}
         for name, x in found.items()
     }
-    maps = f"{out_file}: FPN maps of {camera.name}, serial number {asked['serial']}"
-    show(spread if as_json else map_list(spread, maps), as_json)
-    show_remarks(as_json, taken_by_default(flags, NO_SCENE, camera))
+    show(spread, as_json)
+    wrote = f"wrote {out_file}: FPN maps of {camera.name}, serial number {asked['serial']}"
+    show_remarks(as_json, [*taken_by_default(flags, NO_SCENE, camera), wrote])
 
 
 @app.command(cls=Command)
@@ -306,31 +269,21 @@ def doctor(as_json: arguments.Json = False) -> None:
     """
     from ..render.doctor import examine
     from .progress import steps_bar
-    from .terminal import diagnosis
 
     with steps_bar(err, "rendering a small scene with every variant") as tell:
         findings = examine(tell)
-    show(findings if as_json else diagnosis(findings), as_json)
+    show(findings, as_json)
     if not findings["works"]:
         raise typer.Exit(1)
 
 
-@app.command(
-    cls=Command,
-    epilog="Example: mitsuba-sensor lint cornell_box --camera rgbir_2mp",
-)
+@app.command(cls=Command, epilog="Example: mitsuba-sensor lint cornell_box --camera rgbir_2mp")
 @options.flags(
     options.CameraFlags,
     SceneOptions,
     without=(
-        "exposure_s",
-        "meter",
-        "temperature_k",
-        "gain",
-        "without",
-        "width",
-        "motion",
-        "look_at",
+        *("exposure_s", "meter", "temperature_k", "gain"),
+        *("without", "width", "motion", "look_at"),
     ),
     first=("camera", "settings", "parameters", "scene_unit", "as_json"),
 )
@@ -339,37 +292,20 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
 
     Exit code: 0 if nothing is black or wrong, 1 if something is, 2 if the scene cannot be loaded.
     """
-    from rich.console import Group
-    from rich.text import Text
-
     from ..optics.image_record import airy_diameter_px
     from ..render.load.scene import inspect_scene
-    from .inputs import render_input
-    from .remarks import taken_by_default
-    from .tables import ResultTable
+    from .inputs import render_input, taken_by_default
 
     given, _ = render_input(scene, flags)
     camera, (low, high) = given.camera, given.camera.band_nm
     findings = inspect_scene(
         given.scene, camera, flags["parameters"] or {}, flags["scene_unit"]
     )
-    if as_json:
-        show([finding.to_dict() for finding in findings], True)
-    else:
-        table = ResultTable(("", "where", "what", "remedy"))
-        for one in findings:
-            table.add_row(
-                Text(one.level, style=LEVELS[one.level]),
-                *map(Text, (one.where, one.what, one.remedy)),
-            )
-        disk = f"Airy disk {airy_diameter_px(camera):.2g} px"
-        head = Text.assemble(
-            (Path(scene).name, "bold"), f" for {camera.name}, {low:g} to {high:g} nm, {disk}"
-        )
-        shown = [head, table] if findings else [head]
-        if all(one.level == "fact" for one in findings):
-            shown.append(Text("nothing to say for this camera", style="green"))
-        show(Group(*shown), False)
-        show_remarks(False, taken_by_default(flags, given.scene.settings, camera))
+    found = [finding.to_dict() for finding in findings]
+    airy = f"Airy disk {airy_diameter_px(camera):.2g} px"
+    head = {"camera": f"{camera.name}, {low:g} to {high:g} nm, {airy}"}
+    nothing = "nothing to say for this camera"
+    show(found, as_json, {**head, "findings": found or nothing})
+    show_remarks(as_json, taken_by_default(flags, given.scene.settings, camera))
     if any(finding.is_serious for finding in findings):
         raise typer.Exit(1)

@@ -1,7 +1,10 @@
-"""Scene, camera and exposure from the flags of a command."""
+"""Scene, camera and exposure from the flags of a command, and what is said of those that nobody gave."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from fnmatch import fnmatch
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import mitsuba_sensor as ms
@@ -10,7 +13,8 @@ from ..camera.camera_file import toml_value
 from ..camera.shipped import DEFAULT_CAMERA
 from ..capture import SensorView
 from ..core import InputError, first_given
-from ..render.light.irradiance import RenderedFor
+from ..files.appearing import refuse_empty, replaced_in
+from ..output.exr import rendered_for
 from ..render.scene.parse_scene import parse, parse_sensors
 from ..render.scene.parsed_scene import ParsedScene
 from ..render.scene.scene_settings import SceneSettings
@@ -50,11 +54,8 @@ def render_inputs(scene: str, flags: Flags) -> tuple[dict[str, SensorView], dict
 
 def other_flags(flags: Flags) -> dict[str, Flag]:
     """All flags but those of camera and exposure."""
-    return {
-        name: value
-        for name, value in flags.items()
-        if name not in options.CameraFlags.__annotations__
-    }
+    own = options.CameraFlags.__annotations__
+    return {name: value for name, value in flags.items() if name not in own}
 
 
 def camera_and_exposure(
@@ -64,16 +65,20 @@ def camera_and_exposure(
     likewise the one asked for, else the scene's, else how it is metered."""
     exposure = _exposure(flags, settings)
     tell_of_temperature(exposure.temperature_k)
-    return _camera(flags, settings), exposure
+    return camera_of(flags, settings), exposure
 
 
 def tell_of_temperature(temperature_k: float) -> None:
     """Print a note on an unusual temperature, before a long render."""
     for note in temperature_note(temperature_k):
-        err.print(f"note: {note}", highlight=False, soft_wrap=True)
+        _note(note)
 
 
-def _camera(flags: Flags, settings: SceneSettings) -> ms.Camera:
+def _note(text: str) -> None:
+    err.print(f"note: {text}", highlight=False, soft_wrap=True)
+
+
+def camera_of(flags: Flags, settings: SceneSettings = NO_SCENE) -> ms.Camera:
     """The camera at its gain setting, with --set and --without, or one read-out of it.
 
     The --set fields are set before the scene's too, because a prescription takes focal length and focus from the scene.
@@ -108,22 +113,68 @@ def _exposure(flags: Flags, settings: SceneSettings) -> ms.Exposure | Metering:
     return ms.Exposure(time_s, temperature_k)
 
 
-def settings_of(known: RenderedFor | None, flags: Flags) -> SceneSettings:
+def settings_of(irradiance: str, flags: Flags) -> SceneSettings:
     """Camera and exposure that an irradiance was rendered for, as if a scene named them; says so if it has none."""
+    known = rendered_for(irradiance)
     if (known is None or known.camera is None) and flags.get("camera") is None:
-        default = f"the camera is {DEFAULT_CAMERA} unless --camera names another"
-        err.print(
-            f"note: this irradiance names no camera; {default}", highlight=False, soft_wrap=True
+        _note(
+            f"this irradiance names no camera; the camera is {DEFAULT_CAMERA} unless --camera names another"
         )
     if known is None:
         return NO_SCENE
+    exposure = known.exposure
     return SceneSettings(
-        known.camera,
-        exposure_s=known.exposure.time_s,
-        temperature_k=known.exposure.temperature_k,
+        known.camera, exposure_s=exposure.time_s, temperature_k=exposure.temperature_k
     )
 
 
 def changes_of(flags: Flags) -> dict[str, Any]:
     """The fields that --set changes, for ``Camera.replace``; None unsets one."""
     return {field: toml_value(text) for field, text in (flags.get("settings") or {}).items()}
+
+
+def new_file(name: str, example: str, force: bool = True) -> Path:
+    """The path of a file to write. Raises InputError for a name that ends otherwise than the example, and for a file
+    that exists unless ``force`` is given."""
+    refuse_empty(name, "-o", f"give the name of a file, e.g. {example}")
+    path, suffix = Path(name), Path(example).suffix
+    if path.suffix != suffix:
+        raise InputError(f"{name} does not end in {suffix}; give a name like {example}.")
+    if path.exists() and not (force and path.is_file()):
+        overwrite = "--force overwrites it, or " if path.is_file() else ""
+        raise InputError(f"{name} exists already; {overwrite}give another name.")
+    return path
+
+
+def written(folder: str | Path, names: Sequence[str]) -> str:
+    """The files that are in a folder now, and those of an earlier result that they replace.
+
+    names : of all that a command writes; a ``*`` stands for any text.
+    """
+    files = sorted(file.name for file in Path(folder).iterdir())
+    known = dict.fromkeys(file for name in names for file in files if fnmatch(file, name))
+    older = replaced_in(folder)
+    replaced = f"; an earlier result there was replaced ({', '.join(older)})" if older else ""
+    return f"wrote in {folder}: {', '.join(known)}{replaced}"
+
+
+def taken_by_default(flags: Flags, settings: SceneSettings, camera: ms.Camera) -> list[str]:
+    """The sentence about camera, exposure and temperature that neither the user nor the scene gave, or none.
+
+    settings : what the scene, or the light, says of them.
+    """
+    metered = flags.get("meter") is None and settings.exposure_s is None
+    usual = {
+        "camera": (f"camera {camera.name} (--camera)", settings.camera is None),
+        "exposure_s": ("metered exposure time (--exposure-s)", metered),
+        "temperature_k": (
+            f"{options.DEFAULT_TEMPERATURE_K} K (--temperature-k)",
+            settings.temperature_k is None,
+        ),
+    }
+    taken = [
+        said
+        for name, (said, is_open) in usual.items()
+        if is_open and flags.get(name) is None and (name in flags or name == "camera")
+    ]
+    return [f"taken by default: {', '.join(taken)}"] if taken else []

@@ -3,8 +3,7 @@
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 import inspect
 from collections.abc import Callable, Mapping
-from functools import partial
-from types import MappingProxyType
+from functools import wraps
 from typing import Annotated, TypeAlias, TypedDict, TypeVar
 
 import typer
@@ -57,7 +56,7 @@ class CameraFlags(TypedDict, total=False):
         str | None,
         Option(
             "A name from `cameras list`, or the path of a .toml of your own. It is taken as it is, without what the "
-            f"scene file sets in its own. Default: the scene file's, else {DEFAULT_CAMERA}.",
+            f"scene file sets in its own. Default: that of the scene or render, else {DEFAULT_CAMERA}.",
             metavar="NAME",
         ),
     ]
@@ -65,7 +64,7 @@ class CameraFlags(TypedDict, total=False):
         str | None,
         Option(
             f"Exposure time in seconds, or auto (metered); auto takes the {PERCENTILE:g}th percentile of the lit "
-            f"pixels to {100 * SHARE:g} % of saturation. Default: the scene file's, else auto.",
+            f"pixels to {100 * SHARE:g} % of saturation. Default: that of the scene or render, else auto.",
             metavar="SECONDS|auto",
         ),
     ]
@@ -80,7 +79,8 @@ class CameraFlags(TypedDict, total=False):
     temperature_k: Annotated[
         float | None,
         Option(
-            f"Temperature of the sensor in kelvin. Default: the scene file's, else {DEFAULT_TEMPERATURE_K} (+25 °C).",
+            "Temperature of the sensor in kelvin. Default: that of the scene or render, else "
+            f"{DEFAULT_TEMPERATURE_K} (+25 °C).",
             metavar="KELVIN",
         ),
     ]
@@ -198,7 +198,7 @@ class StudyFlags(TypedDict, total=False):
     out: Annotated[
         str | None,
         Option(
-            "Folder for the page and its data. Default: study/ and the study's name.",
+            "Folder for the page and its data. Default: the command's name; for a study, study/ and its name.",
             flag="-o --out",
             metavar="DIR",
             panel="Output",
@@ -264,11 +264,17 @@ class AblationFlags(TypedDict, total=False):
     ]
     seed: Annotated[
         int | None,
-        Option("Of the first frame. Default: the scene file's, else 1.", check=require_seed),
+        Option(
+            "Seed of the first frame. Default: that of the scene or render, else 1.",
+            check=require_seed,
+        ),
     ]
     serial: Annotated[
         int | None,
-        Option("Of the first camera. Default: the scene file's, else 1.", check=require_seed),
+        Option(
+            "Serial number of the first camera. Default: that of the scene or render, else 1.",
+            check=require_seed,
+        ),
     ]
 
 
@@ -299,53 +305,36 @@ PANELS: dict[type, str] = {  # titles in --help, above the options that are decl
 
 
 def flags(
-    *kinds: type,
-    without: tuple[str, ...] = (),
-    first: tuple[str, ...] = (),
-    source: str = "the scene file's",
-    helps: Mapping[str, str] = MappingProxyType({}),
+    *kinds: type, without: tuple[str, ...] = (), first: tuple[str, ...] = ()
 ) -> Callable[[Command], Command]:
     """Give a command the flags of these options; it takes them as ``**flags``, read but not yet checked.
 
     The flags stand in ``--help`` in the order of their declaration, before the command's own.
     without : names of options that this command does not have.  first : names of those that ``--help`` shows, where
         all are more than a screen; ``--help-all`` shows all.
-    source : what gives the values that are not given, in place of a scene file; empty where nothing does.
-    helps : texts that differ from those of the declaration.
     """
 
     def with_flags(command: Command) -> Command:
         known = (one for kind in kinds for one in declared(kind) if one.option.flag is not None)
         found = {one.name: one for one in known if one.name not in without}
-        own = [
-            p
-            for p in inspect.signature(command, eval_str=True).parameters.values()
-            if p.kind is not p.VAR_KEYWORD
-        ]
-        needed, optional = (
-            [p for p in own if p.default is p.empty],
-            [p for p in own if p.default is not p.empty],
-        )
-        texts = [helps.get(x.name) or _text_of_help(x, source) for x in found.values()]
+        signature = inspect.signature(command, eval_str=True).parameters.values()
+        own = [p for p in signature if p.kind is not p.VAR_KEYWORD]
         kind = inspect.Parameter.KEYWORD_ONLY
         made = [
-            inspect.Parameter(x.name, kind, default=x.option.default, annotation=_type(x, text))
-            for x, text in zip(found.values(), texts, strict=True)
+            inspect.Parameter(x.name, kind, default=x.option.default, annotation=_type(x))
+            for x in found.values()
         ]
-        if first:
-            optional.append(HELP_ALL)
+        needed = [p for p in own if p.default is p.empty]
+        optional = [p for p in own if p.default is not p.empty]
+        optional += [HELP_ALL] if first else []
         parameters = [p.replace(kind=kind) for p in (*needed, *made, *optional)]
 
+        @wraps(command)
         def run(**values: Flag) -> None:
             values.pop(HELP_ALL.name, None)
             read = {one.name: flag_value(one, values[one.name]) for one in found.values()}
             command(**{**values, **read})
 
-        run.__name__, run.__doc__, run.__module__ = (
-            command.__name__,
-            command.__doc__,
-            command.__module__,
-        )
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         run.__annotations__ = {p.name: p.annotation for p in parameters}
         run.first = first  # type: ignore[attr-defined]
@@ -354,42 +343,26 @@ def flags(
     return with_flags
 
 
-def _text_of_help(one: Declared, source: str) -> str:
-    """The help of an option; camera, exposure, seed and serial number may come from something else than a scene file.
-
-    source : see :func:`flags`.
-    """
-    if one.name not in (*CameraFlags.__annotations__, "seed", "serial"):
-        return one.option.help
-    if not source:
-        return one.option.help.replace("the scene file's, else ", "")
-    return one.option.help.replace("Default: the scene file's", f"Default: {source}")
-
-
-def _type(one: Declared, text_of_help: str) -> Flag:
+def _type(one: Declared) -> Flag:
     """The type of an option as typer wants it, with its flag and its help. Numbers are texts, so that a wrong one gets
     the same sentence as in Python."""
     flag, kinds = one.option.flag or f"--{one.name.replace('_', '-')}", one.kinds
     numeric = NUMBERS.get(kinds)
     text: Flag = one.option.text or (str if one.choices or numeric else kinds[0])
-    if one.option.default is None:
-        text = text | None
-    metavar = one.option.metavar or numeric or ("|".join(map(str, one.choices)) or None)
-    panel = one.option.panel or next(
-        (title for kind, title in PANELS.items() if one.name in kind.__annotations__), None
+    titles = (title for kind, title in PANELS.items() if one.name in kind.__annotations__)
+    option = typer.Option(
+        *flag.split(),
+        metavar=one.option.metavar or numeric or "|".join(map(str, one.choices)) or None,
+        help=escape(one.option.help),
+        rich_help_panel=one.option.panel or next(titles, None),
+        autocompletion=PROPOSALS.get(one.name) or one_of(one.choices),
     )
-    proposals = PROPOSALS.get(one.name) or one_of(one.choices)
-    flag_of = partial(typer.Option, *flag.split(), metavar=metavar, help=escape(text_of_help))
-    return Annotated[text, flag_of(rich_help_panel=panel, autocompletion=proposals)]
+    return Annotated[text | None if one.option.default is None else text, option]
 
 
-NUMBERS: dict[tuple[type, ...], str] = {
-    (int,): "INTEGER",
-    (float,): "NUMBER",
-}  # kinds of an option → its metavar
-PROPOSALS: dict[
-    str, Callable[[str], list[str]]
-] = {  # for the value of an option, where its type does not say
+NUMBERS: dict[tuple[type, ...], str] = {(int,): "INTEGER", (float,): "NUMBER"}
+"""Kinds of an option → its metavar."""
+PROPOSALS: dict[str, Callable[[str], list[str]]] = {
     "camera": camera_names,
     "like": camera_names,
     "settings": camera_fields,
@@ -399,3 +372,4 @@ PROPOSALS: dict[
     "variants": one_of(VARIANTS),
     "sides": one_of(["render", "sensor"]),
 }
+"""For the value of an option, where its type does not say."""

@@ -1,147 +1,128 @@
-"""How far a command is: bars where stderr is a terminal, else a line every ten seconds."""
+"""How far a command is: a bar where stderr is a terminal, else a line every ten seconds."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, ClassVar
 
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-)
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from ..core.printable import printable
+from ..core.progress import ProgressLines, ticking, told_outside, write_line
 from ..stopping import undone_if_stopped
-from .lines import WORKING, CommandLines
 from .tables import number
 
 if TYPE_CHECKING:
     from ..dataset.run import RunProgress, Show
     from ..render.passes.stop_criterion import RenderProgress
 
+WORKING = "working"
+"""What a command does where it says nothing else."""
+
+
+class CommandLines(ProgressLines):
+    """The lines of the running command."""
+
+    running: ClassVar[CommandLines | None] = None
+
 
 @contextmanager
-def shown_bar(bar: Progress, doing: str = "", **fields: Any) -> Iterator[TaskID]:
-    """While the block runs, the bar is drawn, where a terminal shows it; otherwise lines say what is done."""
-    lines = CommandLines.running or CommandLines(lambda line: None, doing)
-    with lines.step(doing or WORKING), bar, undone_if_stopped(bar.stop):
-        yield bar.add_task(doing, total=None, **fields)
+def lines_while_working(
+    is_terminal: bool, clock: Callable[[], float] = time.monotonic
+) -> Iterator[None]:
+    """While the block runs, a command says every ten seconds how far it is, unless a terminal shows bars."""
+    with told_outside():
+        if is_terminal:
+            yield
+            return
+        lines = CommandLines(lambda line: write_line(printable(line)), WORKING, clock)
+        CommandLines.running = lines
+        try:
+            with ticking(lines.tick):
+                yield
+        finally:
+            CommandLines.running = None
 
 
-def _tell(doing: str, share: float = float("nan")) -> None:
-    """To the lines, if there are any."""
-    if CommandLines.running is not None:
-        CommandLines.running.tell(doing, share)
+@contextmanager
+def share_bar(console: Console, now: str = WORKING) -> Iterator[Callable[..., None]]:
+    """Show what is done now and the share of all work that is done, NaN (a bar that only moves) where no end is known.
+
+    now : what is done at first.  Yields ``tell(doing, share, note)``.
+    """
+    columns = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[note]}")
+    bar = Progress(
+        BarColumn(),
+        *columns,
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
+    task, lines = bar.add_task(now, total=None, note=""), CommandLines.running
+
+    def tell(doing: str, share: float = math.nan, note: str = "") -> None:
+        if lines is not None:
+            lines.tell(doing, share)
+        is_known = not math.isnan(share)
+        bar.tasks[task].total = 1.0 if is_known else None
+        note = f"{share:4.0%}  {note}" if is_known else note
+        bar.update(task, completed=share if is_known else 0, description=doing, note=note)
+
+    with bar, undone_if_stopped(bar.stop):
+        tell(now)
+        try:
+            yield tell
+        finally:
+            if lines is not None:
+                lines.tell(WORKING)
 
 
 @contextmanager
 def render_progress(
     console: Console, options: Mapping[str, object], now: str = "loading the scene"
 ) -> Iterator[Callable[[RenderProgress], None]]:
-    """A bar over the passes of a render and over its frames, or over frames with a render each.
-
-    While nothing is known of the end, it moves all the same.
-
-    now : what is done at first.  Beside the bar the noise ratio as it falls, and the time so far. Yields what
-    ``capture`` takes as its progress.
-    """
+    """A bar over a render and its frames, with the noise ratio as it falls. Yields what ``capture`` takes as its
+    progress."""
     from ..render.passes.stop_criterion import Series
 
     series = Series(options)
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.fields[share]}"),
-        TextColumn("{task.fields[ratio]}"),
-        TimeElapsedColumn(),
-    )
-    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-    with shown_bar(bar, now, share="", ratio="") as task:
+    with share_bar(console, now) as tell:
 
         def show(step: RenderProgress) -> None:
-            doing, share = series.standing(step)
-            _tell(doing, share)
-            is_known = share == share  # not NaN
-            bar.tasks[task].total = 1.0 if is_known else None
-            ratio = ""
-            if step.noise_ratio == step.noise_ratio:
-                ratio = f"render noise {number(step.noise_ratio)} × the sensor's"
-            done, percent = (share, f"{share:3.0%}") if is_known else (0.0, "")
-            bar.update(task, completed=done, description=doing, share=percent, ratio=ratio)
+            ratio = step.noise_ratio
+            note = "" if math.isnan(ratio) else f"render noise {number(ratio)} × the sensor's"
+            tell(*series.standing(step), note)
 
         yield show
 
 
 @contextmanager
-def share_bar(console: Console) -> Iterator[Callable[[str, float], None]]:
-    """A bar over the work of a study. Yields what a kit tells: the step that begins, and the share that is done."""
-    texts = (
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}", markup=False),
-    )
-    bar = Progress(
-        BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal
-    )
-    with shown_bar(bar) as task:
+def steps_bar(
+    console: Console, now: str = WORKING
+) -> Iterator[Callable[[int, int, str], None]]:
+    """A bar over steps. Yields what is told how many are done, how many there are, and what is done now."""
+    with share_bar(console, now) as tell:
 
-        def tell(now: str, share: float) -> None:
-            _tell(now, share)
-            bar.update(task, completed=share, total=1.0, description=now)
+        def show(done: int, total: int, doing: str) -> None:
+            counted = f"{doing}, {done} of {total}" if total > 1 else doing
+            tell(counted, done / total if total else 0.0)
 
-        yield tell
-
-
-@contextmanager
-def steps_bar(console: Console, now: str = "") -> Iterator[Callable[[int, int, str], None]]:
-    """A bar over steps. Yields what is told how many are done, how many there are, and what is done now.
-
-    now : what is done at first.
-    """
-    texts = (
-        TextColumn("{task.completed:.0f} of {task.total:.0f}"),
-        TextColumn("{task.description}", markup=False),
-        TimeElapsedColumn(),
-    )
-    bar = Progress(
-        BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal
-    )
-    with shown_bar(bar, now) as task:
-        bar.update(task, total=1)
-
-        def tell(done: int, total: int, doing: str) -> None:
-            share = 0.0
-            if total:
-                share = done / total
-            _tell(f"{doing}, {done} of {total}" if total > 1 else doing, share)
-            bar.update(task, completed=done, total=total, description=doing)
-
-        yield tell
+        yield show
 
 
 @contextmanager
 def samples_bar(console: Console) -> Iterator[Show]:
-    """A bar over samples, with the rate, the time so far and failures. Yields what :func:`dataset.run` shows to."""
-    texts = (
-        MofNCompleteColumn(),
-        TextColumn("{task.description}", markup=False),
-        TimeElapsedColumn(),
-    )
-    bar = Progress(
-        BarColumn(), *texts, console=console, transient=True, disable=not console.is_terminal
-    )
+    """A bar over samples, with their rate and failures. Yields what :func:`dataset.run` shows to."""
     began = time.monotonic()
-    with shown_bar(bar, "starting") as task:
+    with share_bar(console, "starting") as tell:
 
-        def tell(progress: RunProgress) -> None:
+        def show(progress: RunProgress) -> None:
             doing, share = progress.standing(time.monotonic() - began)
-            _tell(f"{progress.counted()}, {doing}", share)
-            bar.update(task, total=progress.samples, completed=progress.done, description=doing)
+            tell(f"{progress.counted()}, {doing}", share)
 
-        yield tell
+        yield show

@@ -8,8 +8,7 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from .tables import number
-from .terminal import fact, path_fact
+from .tables import fact, number
 
 if TYPE_CHECKING:
     from ..dataset.read import Dataset, Sample
@@ -57,13 +56,13 @@ def sample_sheet(facts: dict[str, Any], picture: str) -> RenderableType:
     head = f"sample {facts['number']} of {facts['samples']}{split}, key {facts['key']}"
     return Group(
         Text(head, style="bold"),
-        path_fact("shard", facts["shard"]),
+        fact("shard", facts["shard"]),
         fact("settings", ", ".join(settings)),
         fact("image", _image(facts["image"])),
         fact("signal", _signal(facts)),
         fact("noise", _noise(facts["noise"])),
         fact("files", ", ".join(files)),
-        path_fact("picture", picture),
+        fact("picture", picture),
     )
 
 

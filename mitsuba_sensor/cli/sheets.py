@@ -3,17 +3,15 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from ..core import InputError
 from ..core.options import Option, complete, part_of
 from . import arguments, options
-from .app import app, err, show, show_remarks
+from .app import app, err
 from .help import Command
-from .measuring import SimulatedFlags, how_made, refuse_beside_frames
+from .measuring import SimulatedFlags, finish, how_made, refuse_beside_frames, write_texts
 from .options import CameraFlags, Flags, StudyFlags
 from .progress import steps_bar
-from .values import Flag
+from .values import Flag, number
 
 if TYPE_CHECKING:
     from ..bench.sheet.sheet import ChartPart, Report
@@ -62,17 +60,6 @@ class SheetFlags(SimulatedFlags, total=False):
     ]
 
 
-Compared = Annotated[
-    tuple[str, str] | None,
-    typer.Option(
-        "--compare",
-        metavar="A B",
-        help="Two sheets side by side: folders that this command wrote, or names of cameras.",
-        rich_help_panel=PANEL,
-    ),
-]
-
-
 @app.command(
     cls=Command,
     epilog="Example: mitsuba-sensor sheet bayer_2mp -o sheet/; two: mitsuba-sensor sheet --compare sheet/ other/",
@@ -83,12 +70,10 @@ Compared = Annotated[
     StudyFlags,
     without=("camera", "exposure_s", "meter", "temperature_k", "gain"),
     first=("gains", "temperatures", "charts", "frames", "compare", "out", "as_json"),
-    source="",
-    helps={"out": "Folder for the page and its data. Default: sheet."},
 )
 def sheet(
     camera: arguments.SheetCamera = None,
-    compare: Compared = None,
+    compare: arguments.Compared = None,
     **flags: Flag,
 ) -> None:
     """Image quality of a camera on one page: what charts show at every gain and temperature, beside theory.
@@ -100,8 +85,10 @@ def sheet(
     Writes sheet.html, sheet.json and sheet.csv; --compare writes comparison.html, comparison.json and comparison.csv.
     Exit code 1: a figure is not what theory says, of a compared sheet too.
     """
+    from ..bench.sheet.page import csv_text
     from ..core import first_given
     from ..files.appearing import require_folder
+    from ..files.texts import to_json
     from ..pages.html_page import html
 
     asked = complete(SheetFlags, part_of(SheetFlags, flags))
@@ -109,36 +96,16 @@ def sheet(
     require_folder(folder)
     with steps_bar(err) as progress:
         if compare is not None:
-            made = _comparison(camera, compare, asked, flags, progress)
+            found = _comparison(camera, compare, asked, flags, progress)
         elif asked["frames"] is not None:
-            made = _of_frames(camera, asked, flags, progress)
+            found = _of_frames(camera, asked, flags, progress)
         else:
-            made = _of_camera(camera, asked, flags, progress)
+            found = _of_camera(camera, asked, flags, progress)
         progress(1, 1, "drawing the page")
-        drawn = html(made)
-    _write(made, drawn, folder, flags)
-    if not made.passed:
-        raise typer.Exit(1)
-
-
-def _write(made: "Study", drawn: str, folder: str, flags: Flags) -> None:
-    """Page, JSON and CSV in the folder, and what of it the terminal shows."""
-    from ..bench.sheet.page import csv_text
-    from ..files import texts
-    from ..files.appearing import output_folder
-    from .remarks import written
-    from .study_sheet import study_sheet
-
-    names = FILES if made.name == "sheet" else COMPARISON
-    page, data, rows = names
-    with output_folder(folder, names) as scratch:
-        texts.write_page(scratch / page, drawn)
-        texts.write_json(scratch / data, made.to_dict())
-        texts.write_page(scratch / rows, csv_text(made.data["rows"]))
-    as_json = bool(flags["as_json"])
-    shown = study_sheet(made, str(Path(folder) / page))
-    show(made.to_dict() if as_json else shown, as_json)
-    show_remarks(as_json, [written(folder, names)])
+        texts = html(found), to_json(found.to_dict()) + "\n", csv_text(found.data["rows"])
+    names = FILES if found.name == "sheet" else COMPARISON
+    write_texts(folder, dict(zip(names, texts, strict=True)))
+    finish(found, folder, names, flags["as_json"])
 
 
 def _of_camera(
@@ -146,26 +113,16 @@ def _of_camera(
 ) -> "Study":
     """The sheet of a simulated camera."""
     from ..bench.sheet.page import sheet_study
+    from .inputs import camera_of
 
     if name is None:
         raise InputError(
             "sheet needs a camera; give the name of one, e.g. mitsuba-sensor sheet bayer_2mp, or --frames DIR, or "
             "--compare A B."
         )
-    camera = _camera(name, flags)
+    camera = camera_of({**flags, "camera": name})
     parts = _parts(camera, asked, progress)
     return sheet_study(camera.name, parts, camera=camera.name, **how_made())
-
-
-def _camera(name: str, flags: Flags) -> "Camera":
-    """The camera with --set, --readout and --without."""
-    from ..camera.camera_file import load_camera
-    from .inputs import changes_of
-
-    camera = load_camera(name).replace(**changes_of(flags))
-    if flags["readout"] is not None:
-        camera = camera.at_readout(str(flags["readout"]))
-    return camera.without(*flags.get("without") or ())
 
 
 def _parts(camera: "Camera", asked: SheetFlags, progress: "Report") -> "list[ChartPart]":
@@ -189,10 +146,11 @@ def _of_frames(
     """The sheet of frames from disk."""
     from ..bench.sheet.page import sheet_study
     from ..bench.sheet.sheet import sheet_of_frames
+    from .inputs import camera_of
 
     refuse_beside_frames(asked, ("gains", "temperatures", "charts", "serial", "seed"))
     path = Path(asked["frames"] or "")
-    camera = None if name is None else _camera(name, flags)
+    camera = None if name is None else camera_of({**flags, "camera": name})
     parts = sheet_of_frames(path, camera, progress)
     title = path.resolve().name if camera is None else camera.name
     return sheet_study(title, parts, frames=str(path), **how_made())
@@ -208,6 +166,7 @@ def _comparison(
     """Two sheets side by side; one of a camera is made first."""
     from ..bench.sheet.comparison import Sheet, compared, read_sheet
     from ..bench.sheet.page import sheet_study
+    from .inputs import camera_of
 
     if name is not None or asked["frames"] is not None:
         other = "--frames" if name is None else name
@@ -216,7 +175,9 @@ def _comparison(
         )
     on_disk = [one for one in compare if Path(one).is_dir() or Path(one).suffix == ".json"]
     sheets = {one: read_sheet(Path(one)) for one in on_disk}
-    cameras = {one: _camera(one, flags) for one in compare if one not in on_disk}
+    cameras = {
+        one: camera_of({**flags, "camera": one}) for one in compare if one not in on_disk
+    }
     for one, camera in cameras.items():
         made = sheet_study(camera.name, _parts(camera, asked, progress))
         sheets[one] = Sheet(camera.name, made.data["rows"])
@@ -225,29 +186,18 @@ def _comparison(
 
 def _names(text: str | None) -> list[str]:
     """Names that commas separate; none where nothing is given."""
-    if text is None:
-        return []
-    names = [name.strip() for name in text.split(",")]
-    if not all(names):
-        raise InputError(f"{text!r} has an empty name; write names with commas between them.")
-    return names
+    return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
 def _kelvins(text: str | None) -> list[float]:
-    """Temperatures that commas separate."""
+    """Temperatures that commas separate, each once. Raises InputError."""
     from ..core import require
     from .inputs import tell_of_temperature
 
-    kelvins = []
+    kelvins = dict[float, None]()
     for name in _names(text) or [str(options.DEFAULT_TEMPERATURE_K)]:
-        try:
-            kelvin = float(name)
-        except ValueError:
-            raise InputError(
-                f"--temperatures has {name!r}; write numbers of kelvin, e.g. 278.15,298.15."
-            ) from None
-        kelvins.append(require("--temperatures", kelvin, 1.0, 1000.0, "kelvin, e.g. 298.15"))
+        allowed = 1.0, 1000.0, "kelvin, e.g. 278.15,298.15"
+        kelvins[require("--temperatures", number(name), *allowed)] = None
+    for kelvin in kelvins:
         tell_of_temperature(kelvin)
-    if len(set(kelvins)) < len(kelvins):
-        raise InputError(f"--temperatures {text} has one twice; write each once.")
-    return kelvins
+    return [*kelvins]

@@ -14,7 +14,7 @@ from ..core import require
 from ..core.options import complete, part_of
 from ..render.options import SceneOptions
 from . import arguments, options
-from .app import app, err, show, show_remarks
+from .app import app, err
 from .help import Command, Group
 from .options import AblationFlags, Flags, StudyFlags, WorkPrecisionFlags
 from .progress import share_bar
@@ -56,8 +56,7 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
     """
     from ..study.work_precision import SIDES
     from ..study.work_precision import work_precision as measured
-    from .inputs import render_input
-    from .remarks import taken_by_default
+    from .inputs import render_input, taken_by_default
 
     asked: dict[str, Flag] = dict(
         complete(WorkPrecisionFlags, part_of(WorkPrecisionFlags, flags))
@@ -92,16 +91,13 @@ def ablation(scene: arguments.Scene, **flags: Flag) -> None:
     """
     from ..core import first_given
     from ..study.ablation import ablation as measured
-    from .inputs import render_input
-    from .remarks import taken_by_default
+    from .inputs import render_input, taken_by_default
 
     asked: dict[str, Flag] = dict(complete(AblationFlags, part_of(AblationFlags, flags)))
     require("tolerance_dn", asked["tolerance_dn"], 0.0, 1e9, "digital numbers, e.g. 0.02")
     found, _ = render_input(scene, flags)
-    asked |= {
-        name: first_given(asked[name], getattr(found.scene.settings, name), 1)
-        for name in ("seed", "serial")
-    }
+    for name in ("seed", "serial"):
+        asked[name] = first_given(asked[name], getattr(found.scene.settings, name), 1)
     subject = _subject(scene, found, flags, spp=asked.pop("spp"), variant=flags["variant"])
     measure = partial(measured, subject, **asked)
     defaults = taken_by_default(flags, found.scene.settings, found.camera)
@@ -148,33 +144,24 @@ def _run(
     from ..core import first_given
     from ..files.appearing import refuse_empty
     from ..study.kit import NUMBERS, PAGE, run_study
-    from .remarks import written
-    from .study_sheet import study_sheet
+    from .measuring import finish
 
-    asked = first_given(flags["out"], f"study/{name}")
-    refuse_empty(asked, "-o", "give the name of a folder, e.g. -o study/out")
-    path = Path(asked)
+    out = first_given(flags["out"], f"study/{name}")
+    refuse_empty(out, "-o", "give the name of a folder, e.g. -o study/out")
     about: dict[str, object] = {"command": _command()}
     if subject is not None:
         about |= {"scene": str(subject.scene), "camera": subject.camera.name}
         about["exposure"] = asdict(subject.exposure)
     with share_bar(err) as progress:
-        outcome = run_study(path, measure, about, progress)
-    shown = outcome.to_dict() if flags["as_json"] else study_sheet(outcome, str(path / PAGE))
-    show(shown, flags["as_json"])
-    files = PAGE, NUMBERS, f"{name}*.png"
-    show_remarks(flags["as_json"], [*defaults, written(path, files)])
-    if not outcome.passed:
-        raise typer.Exit(1)
+        outcome = run_study(Path(out), measure, about, progress)
+    finish(outcome, out, (PAGE, NUMBERS, f"{name}*.png"), flags["as_json"], defaults)
 
 
 def _command() -> str:
     """The command that was given, without where it writes and how it shows what it found."""
-    asked = []
-    for before, argument in zip(sys.argv, sys.argv[1:], strict=False):
-        if argument not in ("-o", "--out", "--json") and before not in (
-            "-o",
-            "--out",
-        ):
+    without, before, asked = ("-o", "--out"), "", ["mitsuba-sensor"]
+    for argument in sys.argv[1:]:
+        if argument not in (*without, "--json") and before not in without:
             asked.append(argument)
-    return shlex.join(["mitsuba-sensor", *asked])
+        before = argument
+    return shlex.join(asked)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from rich import box
 from rich.cells import cell_len
-from rich.console import Console, ConsoleOptions, RenderResult
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.table import Table
 from rich.text import Text
 
@@ -16,6 +16,7 @@ from ..core.printable import printable
 NUMBER = re.compile(r"[<(+−-]?\d[\d.,]*(e[+-]?\d+)?(±[\d.e+-]+)?%?[),;:]?", re.IGNORECASE)
 EMPTY_CELLS = ("", "–")  # in a column of numbers
 SMALLEST_SHOWN = 1e-4  # of a unit: half of this and less is printed as 0
+LIST_MAX = 6  # numbers or names in a cell
 
 
 class ResultTable(Table):
@@ -61,6 +62,45 @@ class ResultTable(Table):
             yield Text(f"{self.below}\n", style="dim")
 
 
+def view(found: object, name: str = "") -> RenderableType:
+    """What a command prints as JSON, as lines and tables: a list of tables becomes one table, and so does a table of
+    tables.  name : of what is found."""
+    rows = found
+    if isinstance(found, dict) and found and all(isinstance(x, dict) for x in found.values()):
+        rows = [{"name": key, **row} for key, row in found.items()]
+    if isinstance(rows, list | tuple) and rows and all(isinstance(row, dict) for row in rows):
+        headings = dict.fromkeys(key for row in rows for key in row if row[key] is not None)
+        table = ResultTable([*headings], name)
+        for row in rows:
+            table.add_row(*(cell(row.get(key)) for key in headings))
+        return table
+    if isinstance(found, dict):
+        return Group(*(view(value, key) for key, value in found.items()))
+    return fact(name, cell(found))
+
+
+def fact(name: str, text: str) -> Text:
+    """A line: what it is about, and what is said of it; it is not broken, so that paths can be copied."""
+    line = Text.assemble((f"{name}: ", "bold"), text)
+    line.no_wrap, line.overflow = True, "ignore"
+    return line
+
+
+def cell(value: object) -> str:
+    """A value on one line; a long list by its ends."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {cell(inner)}" for name, inner in value.items())
+    if isinstance(value, list | tuple):
+        if len(value) > LIST_MAX:
+            return f"{cell(value[0])} … {cell(value[-1])} ({len(value)})"
+        return ", ".join(map(cell, value)) or "–"
+    return "–" if value is None else str(value)
+
+
 def number(value: float | None) -> str:
     """Four significant digits and no more than four decimals, without an exponent where it can be avoided."""
     if value is None:
@@ -79,10 +119,3 @@ def rough(value: float) -> str:
     if 0 < value < 1e-3:
         return "<0.001"
     return f"{value:.0f}" if 10 <= value < 1e6 else f"{value:.2g}"
-
-
-def short(value: object) -> str:
-    """A value on one line; a long list by its ends."""
-    if isinstance(value, list | tuple) and len(value) > 6:
-        return printable(f"{value[0]} … {value[-1]} ({len(value)} numbers)")
-    return printable(str(value))

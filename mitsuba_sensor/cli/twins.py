@@ -1,19 +1,15 @@
 """The command fit: frames of a camera in, its twin out: a camera file, measured maps and a page."""
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple, TypedDict
-
-import typer
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import mitsuba_sensor as ms
 
-from ..core import InputError
 from ..core.options import Option, complete, part_of
 from . import arguments, options
-from .app import app, err, show, show_remarks
+from .app import app, err
 from .help import Command
-from .measuring import how_made
+from .measuring import finish, how_made
 from .progress import steps_bar
 from .values import Flag
 
@@ -21,12 +17,12 @@ if TYPE_CHECKING:
     from ..bench.twin_page import Report
     from ..camera.camera import Camera
     from ..core import Float64Array
-    from ..files.texts import Facts
     from ..lab.frames.bench import Bench
     from ..pages.page import Study
 
+    Maps = Mapping[str, Mapping[str, Float64Array]]
+
 PANEL = "Laboratory"
-NEXT = "expose as this camera: mitsuba-sensor render SCENE -o out/ --camera {}"
 
 
 class FitFlags(TypedDict, total=False):
@@ -57,7 +53,7 @@ class FitFlags(TypedDict, total=False):
         ),
     ]
     force: Annotated[
-        bool, Option("Write over an existing file.", False, flag="--force", panel=PANEL)
+        bool, Option("Overwrite an existing file.", False, flag="--force", panel=PANEL)
     ]
 
 
@@ -80,43 +76,31 @@ def fit(
     from several read-outs (readouts.tiff beside them) are fitted by read-out.
     """
     from ..files import npz, texts
-    from ..files.appearing import output_folder
+    from ..files.appearing import output_folder, require_folder
     from ..lab.frames.bench import readouts_of_bench
     from ..pages.html_page import html
-    from .remarks import written
-    from .study_sheet import study_sheet
+    from .inputs import new_file
 
     asked = complete(FitFlags, part_of(FitFlags, flags))
-    path = _target(out_file, asked["force"])
+    path = new_file(out_file, "my_camera.toml", asked["force"])
+    require_folder(path.parent)
     with steps_bar(err) as progress:
-        names = readouts_of_bench(frames)
-        if names:
-            found = _fitted_readouts(frames, names, asked, path.stem, progress)
-        else:
-            found = _fitted(frames, asked, path.stem, progress)
-    files = path.name, f"{path.stem}.html", *found.maps
-    with output_folder(path.parent, files) as scratch:
-        texts.write_page(scratch / path.name, found.camera.to_toml())
-        texts.write_page(scratch / f"{path.stem}.html", html(found.study))
-        for name, maps in found.maps.items():
-            npz.write_fpn_maps(scratch / name, maps)
-    page, shown = str(path.with_suffix(".html")), found.study.to_dict()
-    show(shown if as_json else study_sheet(found.study, page), as_json)
-    show_remarks(as_json, [written(path.parent, files), NEXT.format(path)])
-    if not found.study.passed:
-        raise typer.Exit(1)
+        of_kind = _fitted_readouts if readouts_of_bench(frames) else _fitted
+        camera, study, maps = of_kind(frames, asked, path.stem, progress)
+    page = f"{path.stem}.html"
+    with output_folder(path.parent, (path.name, page, *maps)) as scratch:
+        texts.write_page(scratch / path.name, camera.to_toml())
+        texts.write_page(scratch / page, html(study))
+        for name, of_setting in maps.items():
+            npz.write_fpn_maps(scratch / name, of_setting)
+    after = f"expose as this camera: mitsuba-sensor render SCENE -o out/ --camera {path}"
+    finish(study, path.parent, (page, path.name, *maps), as_json, [after])
 
 
-class _Fitted(NamedTuple):
-    """A twin as files.  maps : by the names of their files."""
-
-    camera: "Camera"
-    study: "Study"
-    maps: "Mapping[str, Mapping[str, Float64Array]]"
-
-
-def _fitted(frames: str, asked: FitFlags, stem: str, progress: "Report") -> _Fitted:
-    """The twin of a camera with one read-out.  stem : of its files."""
+def _fitted(
+    frames: str, asked: FitFlags, stem: str, progress: "Report"
+) -> "tuple[Camera, Study, Maps]":
+    """The twin of a camera with one read-out, its study, and its maps by the names of their files."""
     from ..bench.twin_page import twin_study
     from ..lab.twin import fit as fit_twin
     from ..lab.twin.fit import held_out
@@ -127,33 +111,32 @@ def _fitted(frames: str, asked: FitFlags, stem: str, progress: "Report") -> _Fit
     camera = _camera(twin.tables(_like(asked)), stem)
     benches = kept.at_gain(twin.base.name), held.at_gain(twin.base.name)
     study = twin_study(twin, camera, benches, progress, frames=frames, **how_made())
-    maps = {f"{stem}.npz": twin.maps}
-    for setting in twin.settings[1:]:
-        maps[f"{stem}{_mark(setting.name)}.npz"] = setting.maps
-    return _Fitted(camera, study, maps)
+    maps = {_maps_of(stem, setting.name): setting.maps for setting in twin.settings[1:]}
+    return camera, study, {f"{stem}.npz": twin.maps, **maps}
 
 
 def _fitted_readouts(
-    frames: str, names: Sequence[str], asked: FitFlags, stem: str, progress: "Report"
-) -> _Fitted:
+    frames: str, asked: FitFlags, stem: str, progress: "Report"
+) -> "tuple[Camera, Study, Maps]":
     """The twin of a camera with several read-outs, each fitted to its own frames."""
     from ..bench.twin_page import readouts_study, twin_study
+    from ..lab.frames.bench import readouts_of_bench
     from ..lab.twin.fit import held_out
     from ..lab.twin.readouts import fit_readouts
 
-    kept, held = dict[str, "Bench"](), dict[str, "Bench"]()
-    for name in names:
-        kept[name], held[name] = held_out(_bench(frames, asked, progress, name))
+    split = {
+        name: held_out(_bench(frames, asked, progress, name))
+        for name in readouts_of_bench(frames)
+    }
     progress(0, 1, "fitting")
-    twins = fit_readouts(kept)
+    twins = fit_readouts({name: kept for name, (kept, _) in split.items()})
     camera = _camera(twins.tables(_like(asked)), stem)
-    studies, maps = dict[str, "Study"](), dict[str, "Mapping[str, Float64Array]"]()
-    for name, twin in twins.twins.items():
-        benches, own = (kept[name], held[name]), camera.at_readout(name)
-        studies[name] = twin_study(twin, own, benches, progress)
-        maps[f"{stem}{_mark(name)}.npz"] = twin.maps
-    study = readouts_study(studies, camera, frames=frames, **how_made())
-    return _Fitted(camera, study, maps)
+    studies = {
+        name: twin_study(twin, camera.at_readout(name), split[name], progress)
+        for name, twin in twins.twins.items()
+    }
+    maps = {_maps_of(stem, name): twin.maps for name, twin in twins.twins.items()}
+    return camera, readouts_study(studies, camera, frames=frames, **how_made()), maps
 
 
 def _bench(frames: str, asked: FitFlags, progress: "Report", readout: str = "") -> "Bench":
@@ -165,36 +148,17 @@ def _bench(frames: str, asked: FitFlags, progress: "Report", readout: str = "") 
     return bench.given(asked["bits"], asked["wavelength_nm"])
 
 
-def _like(asked: FitFlags) -> "Facts | None":
+def _like(asked: FitFlags) -> Flag:
     """The tables of the camera that gives what frames do not show."""
-    if not asked["like"]:
-        return None
-    return ms.load_camera(asked["like"]).model_dump()
-
-
-def _target(out_file: str, force: bool) -> Path:
-    from ..files.appearing import refuse_empty, require_folder
-
-    refuse_empty(out_file, "-o", "give the name of a camera file, e.g. -o my_camera.toml")
-    path = Path(out_file)
-    if path.suffix != ".toml":
-        raise InputError(f"{out_file} is no name of a camera file; let it end in .toml.")
-    if path.exists() and not force:
-        raise InputError(
-            f"{out_file} is there already; give another name, or --force to write over it."
-        )
-    require_folder(path.parent)
-    return path
+    return ms.load_camera(asked["like"]).model_dump() if asked["like"] else None
 
 
 def _camera(tables: dict[str, Flag], name: str) -> "Camera":
     from ..camera.camera_file import camera_from
 
-    return camera_from(
-        {**tables, "name": name, "description": "twin of a camera, fitted from its frames"},
-        name,
-    )
+    of_twin = {"name": name, "description": "twin of a camera, fitted from its frames"}
+    return camera_from(tables | of_twin, name)
 
 
-def _mark(name: str) -> str:
-    return "." + "".join(c if c.isalnum() or c in "-_" else "_" for c in name)
+def _maps_of(stem: str, name: str) -> str:
+    return f"{stem}.{''.join(c if c.isalnum() or c in '-_' else '_' for c in name)}.npz"

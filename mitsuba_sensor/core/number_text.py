@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 PERCENT = re.compile(rf"({NUMBER})\s*%")
 GROUPED = re.compile(r"[+-]?\d{1,3}(?:[ '’_\u00a0\u202f]\d{3})+(?:\.\d+)?")
 COMMAS = re.compile(r"[+-]?\d{1,3}(?:,\d{3})+")
@@ -19,7 +19,7 @@ def number_hint(name: str, value: object) -> str:
     name : of the number, which ends in percent where its unit is that.
     """
     text = ""
-    if isinstance(value, str):
+    if isinstance(value, str) and len(value) < 100:
         text = value.strip()
     if percent := PERCENT.fullmatch(text):
         factor = 0.01

@@ -1,6 +1,8 @@
-"""Reads text that people and other programs write, within limits of size and depth that hold before it is parsed."""
+"""Limits of what is read, which hold before it is parsed or unpacked: kind, size and depth of a file."""
 
+import errno
 import json
+import os
 import re
 import stat
 import tomllib
@@ -13,6 +15,11 @@ MOST_BYTES = 2**22  # of a file that people write: camera, lens, curves, motion
 DEEPEST = 32  # tables and lists inside of one another; parts of a dotted key
 MOST_BITS = 14_000  # of a whole number: Python writes at most 4300 digits
 TOO_DEEP = f"tables or lists are nested more than {DEEPEST} deep"
+
+ALWAYS_BYTES = 2**28
+"""May come out of any file."""
+MOST_RATIO = 200
+"""Of unpacked over stored bytes: frames with noise reach 20, deflate ends at 1032."""
 
 STRING_OR_COMMENT = re.compile(
     r'"""(?>[^"\\]+|\\.|"(?!""))*+"{3,5}'  # up to two quotes may stand before the closing three
@@ -30,14 +37,38 @@ def require_small(path: Path, what: str, most_bytes: int = MOST_BYTES) -> None:
 
     what : the file is, for the message: ``the camera file``.
     """
-    found = path.stat()
-    if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(
-        found.st_mode
-    ):  # of a folder reading it says so
-        raise InputError(f"{what} {path} is no regular file; give the path of one.")
-    if found.st_size > most_bytes:
+    size = require_regular(path, what)
+    if size > most_bytes:
+        raise InputError(f"{what} {path} has {size} bytes; it may have {most_bytes} at most.")
+
+
+def require_regular(path: str | os.PathLike[str], what: str = "the file") -> int:
+    """Return the size of a file [byte]. Raise InputError for a pipe or a device, whose reader may wait for ever, and
+    OSError where there is no file.
+
+    what : the file is, for the message.
+    """
+    try:
+        found = os.stat(path)
+    except ValueError:  # a NUL in the name
+        raise FileNotFoundError(errno.ENOENT, "No such file", os.fspath(path)) from None
+    if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):  # readers refuse it
+        raise InputError(f"{what} {os.fspath(path)} is no regular file; give the path of one.")
+    return found.st_size
+
+
+def require_plausible(path: Path, unpacked_bytes: int) -> None:
+    """Raise InputError where the pixels that a header announces cannot be in the file, before memory is taken."""
+    require_plausible_ratio(str(path), path.stat().st_size, unpacked_bytes)
+
+
+def require_plausible_ratio(place: str, stored_bytes: int, unpacked_bytes: int) -> None:
+    """Raise InputError where they cannot be in so many bytes.  place : what has them, for the message."""
+    if unpacked_bytes > max(ALWAYS_BYTES, MOST_RATIO * stored_bytes):
         raise InputError(
-            f"{what} {path} has {found.st_size} bytes; it may have {most_bytes} at most."
+            f"{place} has {stored_bytes} bytes and says that {unpacked_bytes} come out of them, {MOST_RATIO} times "
+            "as many at most are read; it is damaged, or made to fill the memory: write it again, uncompressed if it "
+            "is right."
         )
 
 
@@ -85,6 +116,8 @@ def json_value(text: str | bytes) -> Any:
         value = json.loads(text)
     except RecursionError:
         raise ValueError(TOO_DEEP) from None
+    except ValueError as error:  # Python adds how a program lifts its limit of digits
+        raise ValueError(str(error).partition("; use")[0]) from None
     if wrong := beyond_limits(value):
         raise ValueError(wrong)
     return value

@@ -16,7 +16,7 @@ from ..core import Exposure
 from ..core.options import complete
 from ..core.versions import versions
 from ..files import durable, png, texts, tiff
-from ..files.readout_pages import READOUTS
+from ..files.tiff import READOUTS
 from ..output import exr
 from ..output.dng import check_dng, dng_names, write_dng
 from ..output.frame_files import image_facts, preview_of

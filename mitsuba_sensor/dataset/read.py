@@ -24,8 +24,8 @@ from ..core.html import facts, fragment, picture
 from ..files.appearing import temporary_copy
 from ..files.png import read_png
 from ..files.raw_files import read_raw_tiff
-from ..files.readout_pages import READOUTS, read_readouts
 from ..files.texts import json_object
+from ..files.tiff import READOUTS, read_readouts
 from ..output.exr import read_aovs_exr
 from ..output.preview import preview
 from .keys import Config, Facts

@@ -18,6 +18,7 @@ from pathlib import Path
 from ..core import InputError
 from ..stopping import note_written, undone_if_stopped, whole_step
 from .disk_errors import disk_sentences, names_in
+from .durable import flush, make_lasting, put_in_place
 
 _OF_ADDRESS = re.compile(r"[a-z][a-z0-9+.-]+:/")
 """Beginning of an address like s3://bucket, of whose slashes a path keeps one."""
@@ -161,7 +162,7 @@ def appearing(path: Path, size: int | None = None) -> Iterator[Path]:
         with disk_sentences(path, size), undone_if_stopped(temporary.unlink):
             yield temporary
             with whole_step:
-                os.replace(temporary, path)
+                put_in_place(temporary, path)
                 note_written(path)
     finally:
         with suppress(OSError):  # a file stands where the folder should be: said already
@@ -172,7 +173,7 @@ def _make_folder(folder: Path) -> list[Path]:
     """Make ``folder`` and its parents; the ones that were not there, deepest first."""
     missing = [place for place in (folder, *folder.parents) if not os.path.lexists(place)]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_lasting(folder)
     except (FileExistsError, NotADirectoryError) as error:
         raise InputError(
             f"cannot write into {folder}: a file stands in its place; give another folder."
@@ -208,6 +209,8 @@ def _publish(scratch: Path, folder: Path, names: Sequence[str]) -> None:
     back."""
     older, appeared = scratch / "older", [name for name in names if (scratch / name).exists()]
     older.mkdir()
+    for name in appeared:
+        flush(scratch / name)
     try:
         for name in names:
             if os.path.lexists(folder / name):
@@ -221,6 +224,7 @@ def _publish(scratch: Path, folder: Path, names: Sequence[str]) -> None:
             elif name in appeared and not (scratch / name).exists():
                 (folder / name).unlink(missing_ok=True)
         raise
+    flush(folder)
     _REPLACED[folder] = tuple(name for name in names if os.path.lexists(older / name))
     for name in appeared:
         note_written(folder / name)

@@ -33,14 +33,24 @@ def scratch_name(parent: Path) -> Path:
     return parent / f"{SCRATCH}{secrets.token_hex(8)}"
 
 
-def sync_folder(folder: Path) -> None:
-    """Flush the names in a folder."""
-    if hasattr(os, "O_DIRECTORY"):
-        file = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(file)
-        finally:
-            os.close(file)
+def flush(path: Path) -> None:
+    """Flush the content of a file, or the names in a folder."""
+    is_folder = path.is_dir()
+    if is_folder and not hasattr(os, "O_DIRECTORY"):
+        return
+    file = os.open(path, os.O_RDONLY if is_folder else os.O_RDWR)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
+
+
+def put_in_place(temporary: Path, path: Path) -> None:
+    """Give a finished file its name, so that name and content outlive a power cut from then on: flush the file, rename
+    it, flush the folder. All writers of the package end here, or flush and rename several files at once."""
+    flush(temporary)
+    os.replace(temporary, path)
+    flush(path.parent)
 
 
 def make_lasting(folder: Path) -> None:
@@ -48,7 +58,7 @@ def make_lasting(folder: Path) -> None:
     missing = [place for place in (folder, *folder.parents) if not place.is_dir()]
     folder.mkdir(parents=True, exist_ok=True)
     for place in missing:
-        sync_folder(place.parent)
+        flush(place.parent)
 
 
 def write_lasting(path: Path, chunks: Iterable[bytes]) -> str:
@@ -66,19 +76,18 @@ def write_lasting(path: Path, chunks: Iterable[bytes]) -> str:
         try:
             with disk_sentences(shown):
                 file = temporary.open("xb")
-            with file:
+            try:
                 for chunk in chunks:
                     size += len(chunk)
                     digest.update(chunk)
                     with disk_sentences(shown, size):
                         file.write(chunk)
-                with disk_sentences(shown, size):
-                    file.flush()
-                    os.fsync(file.fileno())
-            with disk_sentences(shown), whole_step:
+            finally:
+                with disk_sentences(shown, size):  # the last bytes are written here
+                    file.close()
+            with disk_sentences(shown, size), whole_step:
                 name = path.name.replace("{digest}", digest.hexdigest())
-                os.replace(temporary, path.with_name(name))
-                sync_folder(path.parent)
+                put_in_place(temporary, path.with_name(name))
         finally:
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
@@ -89,15 +98,8 @@ def move_lasting(path: Path, to: Path) -> None:
     """Rename a file into another folder, which is made, so that both names outlive a power cut. Raises InputError."""
     with disk_sentences(to, FOLDER_BYTES), suppress(FileNotFoundError):
         make_lasting(to.parent)
-        os.replace(path, to)
-        sync_folder(to.parent)
-        sync_folder(path.parent)
-
-
-def write_new(path: Path, content: bytes) -> None:
-    """A small file that is not there yet. Raises DiskFull and InputError."""
-    with disk_sentences(path, len(content)), open(path, "xb") as file:
-        file.write(content)
+        put_in_place(path, to)
+        flush(path.parent)
 
 
 def append_lasting(path: Path, line: bytes) -> None:
@@ -105,6 +107,8 @@ def append_lasting(path: Path, line: bytes) -> None:
     with disk_sentences(path, len(line)), open(path, "ab", buffering=0) as file:
         file.write(line)
         os.fsync(file.fileno())
+        if file.tell() == len(line):  # its name is new
+            flush(path.parent)
 
 
 def open_to_read(path: Path) -> BinaryIO:

@@ -11,7 +11,7 @@ import pickle
 import pickletools
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
@@ -23,63 +23,43 @@ NUMBERS_MAX = 10**5  # in the whole dict; a list that a pickle names twice count
 NUMBER_TYPES = ("f4", "f8", "i2", "i4", "i8", "u1", "u2", "u4")
 
 
-class _Inert:
-    """What stands for a name: it takes no state, so that a pickle changes nothing in this process."""
+class _Object:
+    """What stands for an object of NumPy: its arguments and its state, with which nothing is done."""
 
-    def __setstate__(self, state: object) -> NoReturn:
-        raise ValueError("it has a state where NumPy writes none")
+    state: Any = None
 
+    def __init__(self, *arguments: Any) -> None:
+        self.arguments = arguments
 
-class _Dtype(_Inert):
-    def __init__(self, code: str, *_: object) -> None:
-        self.code, self.order = code, "<"
-
-    def __setstate__(self, state: tuple[Any, ...]) -> None:  # type: ignore[override]
-        self.order = str(state[1]).replace("|", "=")
-
-    def numbers(self, data: bytes) -> np.ndarray:
-        if self.code not in NUMBER_TYPES:
-            raise ValueError(
-                f"its numbers are {self.code!r}; they may be {', '.join(NUMBER_TYPES)}"
-            )
-        return np.frombuffer(data, self.order + self.code)
+    def __setstate__(self, state: Any) -> None:
+        self.state = state
 
 
-class _Array(_Inert):
-    value: Any = None
-
-    def __init__(self, *_: object) -> None: ...
-
-    def __setstate__(self, state: tuple[Any, ...]) -> None:  # type: ignore[override]
-        _, shape, dtype, is_fortran, data = state
-        if isinstance(data, list):  # an array of one object, the dict
-            (self.value,) = data
-        else:
-            array = dtype.numbers(data).reshape(shape, order="F" if is_fortran else "C")
-            self.value = array.tolist()
+class _Dtype(_Object): ...
 
 
-class _Scalar(_Array):
-    def __init__(self, dtype: _Dtype, data: bytes) -> None:
-        self.value = float(dtype.numbers(data)[0])
+class _Array(_Object): ...
 
 
-class _Latin1(_Array):  # bytes that protocol 2 writes as a text
-    def __new__(cls, text: str, encoding: str) -> bytes:  # type: ignore[misc]
-        return text.encode("latin1")
+class _Scalar(_Object): ...
 
 
-STAND_INS: dict[tuple[str, str], type] = {
+def _latin1(text: str, _: str) -> bytes:
+    """Bytes that protocol 2 writes as a text."""
+    return text.encode("latin1")
+
+
+STAND_INS: dict[tuple[str, str], Any] = {
     ("numpy.core.multiarray", "_reconstruct"): _Array,
     ("numpy.core.multiarray", "scalar"): _Scalar,
     ("numpy", "ndarray"): _Array,
     ("numpy", "dtype"): _Dtype,
-    ("_codecs", "encode"): _Latin1,
+    ("_codecs", "encode"): _latin1,
 }
 
 
 class _Unpickler(pickle.Unpickler):
-    def find_class(self, module: str, name: str) -> type:
+    def find_class(self, module: str, name: str) -> Any:
         known = STAND_INS.get((module.replace("numpy._core", "numpy.core"), name))
         if known is None:
             raise ValueError(f"it names {module}.{name}, which is no number")
@@ -103,16 +83,12 @@ def _loaded(data: bytes) -> object:
     """The object of a .npy, its arrays as :class:`_Array`. Raises ValueError and what broken bytes raise."""
     file = io.BytesIO(data)
     version = np.lib.format.read_magic(file)
-    readers = {
-        (1, 0): np.lib.format.read_array_header_1_0,
-        (2, 0): np.lib.format.read_array_header_2_0,
-    }
-    shape, _, dtype = readers[version](file)
+    first = version == (1, 0)
+    read = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(file)
     if shape or dtype != np.dtype(object):
         raise ValueError("it has an array of numbers")
-    for code, argument, _ in pickletools.genops(
-        data[file.tell() :]
-    ):  # lengths that the bytes do not have raise here
+    for code, argument, _ in pickletools.genops(data[file.tell() :]):  # checks lengths, too
         if "PUT" in code.name and int(argument or 0) > len(data):
             raise ValueError("it numbers more objects than it has bytes")
     return _Unpickler(file).load()
@@ -126,4 +102,22 @@ def _plain(value: Any, counter: Iterator[int]) -> Any:
         return {str(name): _plain(part, counter) for name, part in value.items()}
     if isinstance(value, list):
         return [_plain(part, counter) for part in value]
-    return _plain(value.value, counter) if isinstance(value, _Array) else value
+    if isinstance(value, _Scalar):
+        return float(_numbers(*value.arguments)[0])
+    if isinstance(value, _Array):
+        _, shape, dtype, is_fortran, data = value.state
+        if isinstance(data, list):  # an array of one object, the dict
+            (inner,) = data
+        else:
+            inner = (
+                _numbers(dtype, data).reshape(shape, order="F" if is_fortran else "C").tolist()
+            )
+        return _plain(inner, counter)
+    return value
+
+
+def _numbers(dtype: _Dtype, data: bytes) -> np.ndarray:
+    code, order = dtype.arguments[0], dtype.state[1] if dtype.state else "<"
+    if code not in NUMBER_TYPES:
+        raise ValueError(f"its numbers are {code!r}; they may be {', '.join(NUMBER_TYPES)}")
+    return np.frombuffer(data, order.replace("|", "=") + code)

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from ..core import InputError
+from ..core.small_files import require_plausible, require_regular
 from .appearing import appearing
-from .plausible import require_plausible
 
 MAGIC = b"\x93NUMPY"
 
@@ -24,6 +24,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
     """The arrays of an .npz, none of them pickled. Raises OSError and ValueError for what is none, and InputError for
     one that unpacks to too much."""
     try:
+        require_regular(path)
         with zipfile.ZipFile(path) as archive:
             _check(path, archive)
         with np.load(path, allow_pickle=False) as arrays:

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import InputError
+from ..core.small_files import require_plausible, require_regular
 from .appearing import appearing
-from .plausible import require_plausible
 
 EXR_MAGIC = b"\x76\x2f\x31\x01"  # OpenEXR file layout, "Magic Number"
 ZIP_ROWS = 16  # that are compressed together (OpenEXR file layout, "ZIP_COMPRESSION")
@@ -223,30 +223,19 @@ def is_exr(path: str | os.PathLike[str]) -> bool:
     return True
 
 
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
-"""Suffixes of pictures."""
+WAY_OUT = (
+    "give an irradiance.exr, render a scene (`mitsuba-sensor render SCENE -o out/`), or make light of a picture in "
+    "Python (light_from_rgb)"
+)
 
 
 def require_exr(path: Path) -> None:
     """Raise InputError for anything that is not an OpenEXR file."""
     try:
+        require_regular(path)
         with path.open("rb") as file:
             magic = file.read(len(EXR_MAGIC))
     except OSError as error:
-        raise InputError(
-            f"cannot read {path}: {error.strerror}; give an irradiance.exr from `render`{_other_way(path)}."
-        ) from error
+        raise InputError(f"cannot read {path}: {error.strerror}; {WAY_OUT}.") from error
     if magic != EXR_MAGIC:
-        raise InputError(
-            f"{path} is not an OpenEXR file; give an irradiance.exr that `mitsuba-sensor render` wrote"
-            f"{_other_way(path)}."
-        )
-
-
-def _other_way(path: Path) -> str:
-    """What takes such a file, where it is probably a scene or a picture."""
-    if path.suffix.lower() in PICTURES:
-        return ", or make light of the picture in Python: light_from_rgb"
-    if path.suffix.lower() in ("", ".xml"):
-        return ", or render a scene: `mitsuba-sensor render SCENE -o out/`"
-    return ""
+        raise InputError(f"{path} is not an OpenEXR file; {WAY_OUT}.")

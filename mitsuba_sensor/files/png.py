@@ -1,4 +1,4 @@
-"""PNGs of pictures of 8 bits, as files and as bytes."""
+"""PNGs of pictures of 8 bits, as files and as bytes, and animated WebPs, which browsers show as a video."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from .texts import plain_values
 NOTHING: Mapping[str, Any] = {}
 
 CAPTION_ROWS, CAPTION_MARGIN = 14, 2  # of a line, and left of it [pixels]
+QUALITY = 90
+LONGEST_MS = 2**24 - 1  # of a picture in a WebP
 NARROWEST_CAPTION = 72
 """Columns [pixels]; narrower pictures are enlarged for a caption."""
 
@@ -88,3 +90,21 @@ def png(picture: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> bytes:
         texts.add_text(name, json.dumps(plain_values(value)))
     Image.fromarray(picture).save(content, format="PNG", pnginfo=texts)
     return content.getvalue()
+
+
+def write_webp(path: Path, pictures: Sequence[np.ndarray], period_s: float) -> None:
+    """Pictures (H, W) grey or (H, W, 3) sRGB in a loop.  period_s : of each, in whole milliseconds."""
+    from PIL import Image
+
+    first, *others = (Image.fromarray(picture).convert("RGB") for picture in pictures)
+    content, period_ms = io.BytesIO(), min(max(round(period_s * 1000), 1), LONGEST_MS)
+    first.save(
+        content,
+        format="WEBP",
+        save_all=True,
+        append_images=others,
+        duration=period_ms,
+        loop=0,
+        quality=QUALITY,
+    )
+    write_drawing(path, content.getvalue())

@@ -18,10 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import InputError
-from ..core.small_files import json_value
+from ..core.small_files import (
+    json_value,
+    require_plausible,
+    require_plausible_ratio,
+    require_regular,
+)
 from ..core.units import KELVIN_AT_0_C
 from .openexr import is_exr, require_plausible_exr
-from .plausible import require_plausible, require_plausible_ratio
 from .tiff_checks import OF_RAW, require_all_pages, require_jpegs, require_segments
 
 TIFF, PICTURES, ARRAYS, FITS = (
@@ -81,7 +85,12 @@ def read_raw(path: str | os.PathLike[str]) -> RawFile:
         raise InputError(
             f"{file} is of a format that is not read; give one of {', '.join(RAW_FORMATS)}."
         )
-    return _checked(str(file), partial(reader, file))
+
+    def read() -> RawFile:
+        require_regular(file)
+        return reader(file)
+
+    return _checked(str(file), read)
 
 
 def read_raw_tiff(file: Path | BinaryIO, place: str) -> RawFile:
@@ -331,6 +340,7 @@ def _require_pixels(file: Path) -> None:
 def require_plausible_picture(path: Path) -> None:
     """Raise InputError for a texture whose header announces more pixels than the file can have; what is no picture is
     left to its reader."""
+    require_regular(path, "the picture")
     if not is_exr(path):
         require_plausible(path, _pixels_of_picture(path) * 4)
         return
@@ -385,6 +395,7 @@ def dng_tags(path: str | os.PathLike[str]) -> dict[str, Any]:
     import tifffile
 
     try:
+        require_regular(path)
         with tifffile.TiffFile(path) as opened:
             first: Any = opened.pages[0]
             pages = [first, *(first.pages or ())]

@@ -90,7 +90,7 @@ def elements_of(path: Path) -> tuple[Element, ...]:
 def require_scene_file(name: str) -> None:
     """Raise InputError where there is no such file, a larger one, or one whose name Mitsuba cannot take."""
     path = Path(name)
-    if not path.is_file():
+    if not os.path.isfile(name):
         what = f"there is no file {name!r}"
         if os.path.exists(name):
             what = f"{name!r} is a folder, or no plain file"

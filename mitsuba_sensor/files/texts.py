@@ -27,10 +27,7 @@ def text_of_file(
     newline : an empty text keeps the ends of lines as they are, as in open.
     """
     try:
-        if path.is_fifo():  # whose writer may never come
-            raise InputError(f"{path} is a pipe and no file; {remedy}.")
-        if path.stat().st_size > most_bytes:
-            raise InputError(f"{path} has more than {most_bytes} bytes; {remedy}.")
+        require_small(path, "the file", most_bytes)
         with path.open(encoding="utf-8", newline=newline) as file:
             return file.read()
     except (OSError, UnicodeDecodeError) as error:

@@ -12,30 +12,26 @@ import numpy as np
 
 from ..core import InputError, refuse_masked
 from ..core.checks import refuse_path
+from ..core.small_files import require_regular
 from .appearing import appearing
 from .texts import to_json
 
 Facts: TypeAlias = Mapping[str, Any]
 NOTHING: Facts = {}
 
-
 TIFF_TYPES = "uint8", "uint16", "uint32", "float32"
-
-
-TiffTag: TypeAlias = tuple[
-    int, int, int, Any, bool
-]  # code, type, count, value, on the first page only
-
-
+TiffTag: TypeAlias = tuple[int, int, int, Any, bool]
+"""Code, type, count, value, whether on the first page only."""
 LARGEST_TIFF = 2**32 - 2**25
 """Bytes of pixels; more become a BigTIFF."""
-
-
 CFA_COLOURS = "rgb"  # numbers 0, 1, 2 in the CFAPattern of TIFF/EP
-
-
 TIFF_BYTE, TIFF_ASCII, TIFF_SHORT, TIFF_LONG = 1, 2, 3, 4  # types of tags
 PAGE_NAME = 285
+READOUTS = "readouts.tiff"
+BOTH_HALVES = "left and right"
+"""The page of a frame of dual pixels."""
+COMBINED = ("combined", "companded", BOTH_HALVES)
+"""Pages that are no read-out."""
 
 
 def write_tiff(
@@ -155,6 +151,7 @@ def read_named_pages(path: Path) -> list[tuple[str, np.ndarray]]:
     import tifffile
 
     try:
+        require_regular(path)
         with tifffile.TiffFile(path) as opened:
             pages = [page.aspage() for page in opened.pages]
             return [(str(page.tags[PAGE_NAME].value), page.asarray()) for page in pages]
@@ -191,3 +188,16 @@ def cfa_tags(pattern: Sequence[Sequence[str]] | None) -> list[TiffTag]:
         (33421, TIFF_SHORT, 2, names.shape, False),
         (33422, TIFF_BYTE, names.size, colours, False),
     ]
+
+
+def page_name(frame: int, readout: str) -> str:
+    """Of the page of one read-out, or of what they were combined to."""
+    return f"frame {frame}, {readout}"
+
+
+def read_readouts(path: Path) -> dict[str, np.ndarray]:
+    """The pages of each name, (N, H, W). Raises InputError for what cannot be read."""
+    found = dict[str, list[np.ndarray]]()
+    for name, page in read_named_pages(path):
+        found.setdefault(name.partition(", ")[2], []).append(page)
+    return {name: np.stack(pages) for name, pages in found.items()}

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..core import InputError
+from .durable import make_lasting
 from .npz import read_arrays, write_fpn_maps
 
 FOLDER = "mitsuba-sensor"
@@ -47,5 +48,5 @@ def keep(name: str, arrays: Mapping[str, np.ndarray]) -> None:
     """Keep arrays under a name, where the folder can be written."""
     with suppress(OSError, RuntimeError, InputError):
         file = kept_file(name)
-        file.parent.mkdir(parents=True, exist_ok=True)
+        make_lasting(file.parent)
         write_fpn_maps(file, arrays)

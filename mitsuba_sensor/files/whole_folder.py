@@ -41,16 +41,19 @@ def appearing_folder(path: Path, force: bool, facts: Mapping[str, Any]) -> Itera
     with undone_if_stopped(remove):
         try:
             with disk_sentences(path, durable.FOLDER_BYTES), whole_step:
-                scratch.mkdir(parents=True)
+                durable.make_lasting(scratch)
             with names_in(path, scratch):
                 yield scratch
                 listed = {
                     name: durable.size_and_hash(scratch / name) for name in files_below(scratch)
                 }
                 listing = to_json({**facts, "files": listed}).encode()
-                durable.write_new(scratch / LISTING, listing + b"\n")
+                durable.write_lasting(scratch / LISTING, [listing, b"\n"])
             with disk_sentences(path), whole_step:
+                for place in scratch.rglob("*"):
+                    durable.flush(place)
                 _publish(scratch, path, force)
+                durable.flush(path.parent)
                 note_written(path)
         finally:
             with suppress(OSError):

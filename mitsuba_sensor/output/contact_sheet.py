@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import InputError
 from ..core.printable import printable
+from ..files.png import read_png
 from ..optics.spectra import inverse_srgb_curve, srgb_curve
 
 if TYPE_CHECKING:
@@ -120,17 +120,9 @@ def thumbnail(png: Path | bytes) -> NDArray[np.uint8]:
     """(h, w, 3) sRGB of a PNG file, averaged down to SIDE. Raises InputError."""
     from PIL import Image
 
-    source: Path | io.BytesIO
     if isinstance(png, bytes):
-        source, name = io.BytesIO(png), "the PNG"
+        picture = Image.fromarray(read_png(io.BytesIO(png), "the PNG"))
     else:
-        source, name = png, str(png)
-    try:
-        with Image.open(source, formats=["PNG"]) as picture:
-            factor = max(-(-max(picture.size) // SIDE), 1)
-            return np.asarray(picture.convert("RGB").reduce(factor), dtype=np.uint8)
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        why = " ".join(str(error).split()).partition(" <")[0].rstrip(".") or "it is cut short"
-        raise InputError(
-            f"{name} is no picture that can be read: {why}; make it again."
-        ) from None
+        picture = Image.fromarray(read_png(png, str(png)))
+    factor = max(-(-max(picture.size) // SIDE), 1)
+    return np.asarray(picture.convert("RGB").reduce(factor), dtype=np.uint8)

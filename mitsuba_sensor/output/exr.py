@@ -44,12 +44,13 @@ AOV_LAYERS = {
 def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False) -> None:
     """Focal-plane irradiance [W m⁻² nm⁻¹] as float32 spectral EXR; :func:`read_irradiance_exr` is its inverse.
 
-    half : bands and standard errors in half precision, multiplied by ``half_scale`` of the header, a power of two at
-        which the brightest one is just below the largest number; the unit in the header is divided by it.
+    half : also the bands in half precision, multiplied by ``half_scale`` of the header, a power of two at which the
+        brightest one is just below the largest number; the unit in the header is divided by it.
 
-    Channels ``S0.<nm>nm`` hold the bands and ``standard_error.<nm>nm`` their standard errors in the same unit (decimal
-    comma, as Fichet et al. 2021 have it, because a dot separates layers); ``relative_error`` that of the electrons,
-    ``pass_error`` that of the electrons before denoising.
+    Channels ``S0.<nm>nm`` hold the bands (decimal comma, as Fichet et al. 2021 have it, because a dot separates
+    layers). ``standard_error.<nm>nm`` are their standard errors in half precision, to 0.05 %, multiplied by
+    ``error_scale`` of the header: half of the size of a file were digits of noise. ``relative_error`` is that of the
+    electrons, ``pass_error`` that of the electrons before denoising.
     ``in_band`` is the factor on the electrons of the camera whose fingerprint is ``response`` in the header.
     ``rendered_for`` in the header is camera (its whole datasheet), exposure, serial number and illuminant as JSON.
     Light that was kept as it was before denoising has the same channels in the layer ``raw``.
@@ -66,10 +67,13 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
         "render_statistics": json.dumps(irradiance.statistics.to_dict(), default=plain_values),
         "first_pixel": json.dumps(irradiance.origin),
     }
-    scale = None
+    layers = _layers_of(irradiance)
+    errors = [light.standard_error for light in layers.values()]
+    scale, error_scale = None, _half_scale(errors)
     if half:
-        scale = _half_scale(irradiance)
+        scale = error_scale = _half_scale([*errors, *(one.data for one in layers.values())])
         header |= {"half_scale": scale, "emissiveUnits": f"{1 / scale!r} W.m^-2.nm^-1"}
+    header["error_scale"] = error_scale
     if irradiance.filters is not None:
         names, prefix = list(irradiance.filters), FILTER_CHANNEL
         header |= {"filters": json.dumps(names), "response": irradiance.response or ""}
@@ -81,25 +85,33 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
         header["response"] = irradiance.response or ""
     if irradiance.polarizers is not None:
         header["polarizers"] = irradiance.polarizers
-    channels = _channels(irradiance, prefix, names, scale)
     if irradiance.rendered_for is not None:
         header["rendered_for"] = json.dumps(plain_values(irradiance.rendered_for.to_dict()))
     raw = irradiance.raw
     if raw is not None:
         header["raw_statistics"] = json.dumps(raw.statistics.to_dict(), default=plain_values)
-        for name, image in _channels(raw, prefix, names, scale).items():
-            channels[RAW_LAYER + name] = image
     if irradiance.groups:
         header["light_groups"] = json.dumps(plain_values(_groups_header(irradiance)))
-    for group, light in irradiance.groups.items():
-        if light.raw is None:
-            layers = {"": light}
-        else:
-            layers = {"": light, RAW_LAYER: light.raw}
-        for layer, one in layers.items():
-            for name, image in _channels(one, prefix, names, scale).items():
-                channels[f"{GROUP_LAYER}{group}.{layer}{name}"] = image
+    channels = dict[str, Plane]()
+    for layer, light in layers.items():
+        channels[layer + RELATIVE_ERROR_CHANNEL] = Plane(light.relative_error)
+        if light.in_band is not None:
+            channels[layer + IN_BAND_CHANNEL] = Plane(light.in_band)
+        if light.pass_error is not None:
+            channels[layer + PASS_ERROR_CHANNEL] = Plane(light.pass_error)
+        for band, name in enumerate(names):
+            error = Plane(light.standard_error[..., band], error_scale)
+            channels[layer + prefix + name] = Plane(light.data[..., band], scale)
+            channels[layer + ERROR_CHANNEL + name] = error
     write_planes(path, header, channels)
+
+
+def _layers_of(irradiance: Irradiance) -> dict[str, Irradiance]:
+    """Layer → its light: the whole, that before denoising, and both of each light group."""
+    found = {"": irradiance}
+    found |= {f"{GROUP_LAYER}{name}.": light for name, light in irradiance.groups.items()}
+    raw = {layer + RAW_LAYER: one.raw for layer, one in found.items() if one.raw is not None}
+    return found | raw
 
 
 def _groups_header(irradiance: Irradiance) -> dict[str, object]:
@@ -120,31 +132,13 @@ def _groups_header(irradiance: Irradiance) -> dict[str, object]:
     return groups
 
 
-def _half_scale(irradiance: Irradiance) -> float:
-    """The power of two at which no finite band or error of the light is beyond half precision."""
-    arrays = [irradiance.data, irradiance.standard_error]
-    if irradiance.raw is not None:
-        arrays += [irradiance.raw.data, irradiance.raw.standard_error]
+def _half_scale(arrays: list[np.ndarray]) -> float:
+    """The power of two at which no finite number of the arrays is beyond half precision."""
     most = max(float(np.max(array, initial=0.0, where=np.isfinite(array))) for array in arrays)
     if not most > 0:
         return 1.0
     power = np.floor(np.log2(MOST_HALF / most))
     return float(2.0 ** min(power, MOST_POWER))
-
-
-def _channels(
-    irradiance: Irradiance, prefix: str, names: list[str], scale: float | None
-) -> dict[str, Plane]:
-    """The images of one light. prefix, names : of the channels of its bands.  scale : of half precision."""
-    channels = {RELATIVE_ERROR_CHANNEL: Plane(irradiance.relative_error)}
-    if irradiance.in_band is not None:
-        channels[IN_BAND_CHANNEL] = Plane(irradiance.in_band)
-    if irradiance.pass_error is not None:
-        channels[PASS_ERROR_CHANNEL] = Plane(irradiance.pass_error)
-    for band, name in enumerate(names):
-        channels[prefix + name] = Plane(irradiance.data[..., band], scale)
-        channels[ERROR_CHANNEL + name] = Plane(irradiance.standard_error[..., band], scale)
-    return channels
 
 
 def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
@@ -183,18 +177,18 @@ def _irradiance(header: Mapping[str, Any], pixels: Mapping[str, np.ndarray]) -> 
         "origin": _pair_of(json_value(header.get("first_pixel", "[0, 0]"))),
     }
 
-    def stack_bands(kind: str) -> np.ndarray:
+    def stack_bands(kind: str, scale: str) -> np.ndarray:
         stacked = np.stack([pixels[kind + name] for name in names], axis=-1)
         values = stacked.astype(np.float32, copy=False)
-        if "half_scale" in header:
-            values = values / np.float32(header["half_scale"])
+        if scale in header:
+            values = values / np.float32(header[scale])
         return values
 
     def light(layer: str, statistics: RenderStatistics) -> dict[str, Any]:
         return {
             **common,
-            "data": stack_bands(layer + prefix),
-            "standard_error": stack_bands(layer + ERROR_CHANNEL),
+            "data": stack_bands(layer + prefix, "half_scale"),
+            "standard_error": stack_bands(layer + ERROR_CHANNEL, "error_scale"),
             "relative_error": pixels[layer + RELATIVE_ERROR_CHANNEL],
             "in_band": pixels.get(layer + IN_BAND_CHANNEL),
             "pass_error": pixels.get(layer + PASS_ERROR_CHANNEL),

@@ -21,7 +21,7 @@ from ..core.html import facts, fragment, picture
 from ..core.versions import versions
 from ..files import png, texts, tiff
 from ..files.appearing import output_folder
-from ..files.readout_pages import READOUTS
+from ..files.tiff import READOUTS
 from ..stages.stage import converter_of
 from .preview import brightening, developed, preview
 from .readout_files import readout_facts, write_readouts

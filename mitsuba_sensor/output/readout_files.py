@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..camera.exposure_times import later_exposures
-from ..files.readout_pages import BOTH_HALVES, page_name
-from ..files.tiff import write_named_pages
+from ..files.tiff import BOTH_HALVES, page_name, write_named_pages
 from ..stages.combined_readouts import combined_of
 from ..stages.gains import gain_dn_per_e
 from ..stages.stage import converter_of

@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import math
 from itertools import pairwise
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING
 
 from ..core import InputError, require
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 SHORTEST_NM, LONGEST_NM = 200.0, 2500.0  # ranges of silicon, InGaAs and HgCdTe sensors
 NARROWEST_NM = 0.5  # below it the float32 nodes of a band lose accuracy
@@ -114,6 +116,8 @@ def clean(
 ) -> tuple[NDArray[np.floating], NDArray[np.bool_], int, int]:
     """Return the values with 0 for those that are negative or not finite, where they were +∞, and how many were
     negative and not finite."""
+    import numpy as np  # not before the command line shows its help
+
     bad, infinite = ~np.isfinite(values), values == np.inf
     negative = (values < 0) & ~bad
     return np.where(bad | negative, 0, values), infinite, int(negative.sum()), int(bad.sum())

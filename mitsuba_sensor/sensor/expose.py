@@ -21,6 +21,7 @@ from ..core import (
     first_given,
 )
 from ..core.backend import NUMPY_FLOAT32, NUMPY_FLOAT64
+from ..core.errors import shown
 from ..core.options import complete
 from ..files.memory import free_memory_bytes
 from ..stages.stage import Chain, converter_of, detector_of
@@ -218,9 +219,9 @@ def _checked_names(keep: Any) -> tuple[str, ...]:
     except TypeError:  # nothing that has elements
         wanted = (keep,)
     for name in wanted:
-        if name not in KEEP:
+        if not isinstance(name, str) or name not in KEEP:
             raise InputError(
-                f"keep names {name!r}; the signals that can be kept are {', '.join(KEEP)}."
+                f"keep names {shown(name)}; the signals that can be kept are {', '.join(KEEP)}."
             )
     return wanted
 

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.output.exr import write_irradiance_exr
 
 
 def test_shot_noise_read_noise_and_quantisation_are_what_a_hand_calculation_gives(
@@ -32,21 +31,19 @@ def test_shot_noise_read_noise_and_quantisation_are_what_a_hand_calculation_give
     assert abs(adc["temporal_dn2"] - 1 / 12) < 4 * adc["temporal_error_dn2"] < 0.1
     assert rows["total"]["share"] == pytest.approx(1)
     text = cli(*argv[:-1]).stdout
-    assert f"{math.sqrt(shot['temporal_dn2']):.4g}" in text and "total" in text
-    assert "0.01 s (--exposure-s)" in text
+    assert f"{math.sqrt(shot['temporal_dn2']):.4g}" in text and "0.01 s (--exposure-s)" in text
 
 
+@pytest.mark.filterwarnings("ignore::mitsuba_sensor.SensorWarning")
 def test_the_budget_of_a_render_is_that_of_its_frames(
-    cli: Callable[..., Any], tmp_path: Path
+    cli: Callable[..., Any], light: Any, light_file: Path
 ) -> None:
-    camera, exposure = ms.load_camera("konnik_table1"), ms.Exposure(0.02)
-    light = ms.render("flat_field", camera, exposure, width=8, spp=4, denoise=False)
-    write_irradiance_exr(tmp_path / "irradiance.exr", light)
-    shown = json.loads(cli("budget", tmp_path / "irradiance.exr", "--json").stdout)
-    expected = [row._asdict() for row in ms.expose(light).noise_budget().rows]
-    for one, other in zip(shown, expected, strict=True):
-        assert one["source"] == other["source"]
-        np.testing.assert_allclose(one["temporal_dn2"], other["temporal_dn2"], rtol=1e-3)
+    camera = ("--camera", "konnik_table1", "--exposure-s", 0.02)
+    shown = json.loads(cli("budget", light_file, *camera, "--json").stdout)
+    expected = ms.expose(light, "konnik_table1", ms.Exposure(0.02)).noise_budget().rows
+    assert [one["source"] for one in shown] == [one.source for one in expected]
+    own = [one["temporal_dn2"] for one in shown]
+    np.testing.assert_allclose(own, [one.temporal_dn2 for one in expected], rtol=1e-9)
 
 
 def test_the_budget_of_a_camera_with_readouts_is_that_of_each_and_of_the_combination(
@@ -55,46 +52,13 @@ def test_the_budget_of_a_camera_with_readouts_is_that_of_each_and_of_the_combina
     """Temporal σ of the combination where the high gain counts: √(μ + σ_1²) electrons."""
     argv = ("budget", "--camera", "scmos_dual_gain", "--electrons", 1000, "--exposure-s", 0.001)
     found = json.loads(cli(*argv, "--json").stdout)
-    camera = ms.load_camera("scmos_dual_gain")
-    light = ms.Photons(np.full((128, 128), 1000.0), detected=True)
-    frames = ms.expose(light, camera, ms.Exposure(0.001))
-    assert list(found["readouts"]) == ["high", "low"]
-    for name, rows in found["readouts"].items():
-        expected = frames.readouts[name].noise_budget().rows
-        assert [row["source"] for row in rows] == [row.source for row in expected]
-        error = math.hypot(rows[-1]["temporal_error_dn2"], expected[-1].temporal_error_dn2)
-        assert abs(rows[-1]["temporal_dn2"] - expected[-1].temporal_dn2) < 4 * error
-    combination, gain = found["combination"], camera.combined_readouts.nominal_gain
-    read_e2 = 1.0763**2 + 1 / 12 / gain**2
+    gain = ms.load_camera("scmos_dual_gain").combined_readouts.nominal_gain
+    combination, read_e2 = found["combination"], 1.0763**2 + 1 / 12 / gain**2
     assert combination["temporal_dn2"] == pytest.approx(gain**2 * (1000 + read_e2), rel=0.04)
     assert combination["share_of_pixels"] == {"high": 1, "low": 0}
-    assert combination["snr_db"] == pytest.approx(
-        10 * math.log10(1000**2 / (1000 + read_e2)), abs=0.2
-    )
-    text = cli(*argv).stdout
-    assert "read-out low" in text and "combined to 17 bits" in text
+    snr_db = 10 * math.log10(1000**2 / (1000 + read_e2))
+    assert combination["snr_db"] == pytest.approx(snr_db, abs=0.2)
+    assert list(found["readouts"]) == ["high", "low"]
+    assert "read-out low" in cli(*argv).stdout
     alone = json.loads(cli(*argv, "--readout", "low", "--json").stdout)
     assert alone == found["readouts"]["low"]
-    split = ("budget", "--electrons", "1000", "--camera", "omnivision_split_pixel")
-    told = cli(*split, "--readout", "small")
-    assert "1000 e- on the first read-out are 10 e- on small" in told.stdout + told.stderr
-    wrong = cli(*argv, "--readout", "lo")
-    assert wrong.exit_code == 2 and "Did you mean 'low'?" in wrong.stderr
-
-
-@pytest.mark.parametrize(
-    ("argv", "sentence"),
-    [
-        ((), "give the light, and give it once: --electrons 1000"),
-        (("light.exr", "--electrons", "3"), "give it once"),
-        (("--electrons", "1k"), "'1k' is 1000"),
-        (("--electrons", "-1"), "electrons is -1"),
-        (("--electrons", "9", "--exposure-s", "auto"), "give its seconds"),
-        (("none.exr",), "none.exr"),
-    ],
-)
-def test_wrong_light_is_one_sentence(
-    cli: Callable[..., Any], argv: tuple[str, ...], sentence: str
-) -> None:
-    done = cli("budget", *argv)
-    assert done.exit_code == 2 and sentence in done.stderr and done.stderr.count("error:") == 1

@@ -69,38 +69,35 @@ def flat(text: str) -> str:
     return " ".join(re.sub(r"[│╭╮╰╯─]", " ", text).split())
 
 
-@pytest.mark.parametrize("path", one_in(3, COMMANDS), ids=" ".join)
-def test_h_is_help_and_every_flag_stands_in_a_panel(path: tuple[str, ...]) -> None:
-    assert said(*path, "-h") == said(*path, "--help")
-    names = {one.name for one in COMMANDS[path].params}
-    help_text = said(*path, "--help-all" if "help_all" in names else "--help")
-    for one in COMMANDS[path].params:
-        own = one.param_type_name == "argument" or one.name in (
-            "help",
-            "help_all",
-            "version",
-            "install_completion",
-        )
-        assert own or one.name == "show_completion" or one.rich_help_panel, one.name
-        assert max(one.opts, key=len) in help_text or one.param_type_name == "argument"
-
-
-def test_commands_stand_in_the_order_of_use() -> None:
-    names = ["render", "expose", "budget", "plan", "cameras", "scenes", "fpn-maps", "lint"]
-    names += ["dataset", "characterize", "sheet", "fit", "study", "doctor"]
-    assert re.findall(r"^│ ([a-z][a-z-]+) ", said("--help"), flags=re.M) == names
-    assert {path[0] for path in COMMANDS if path} == set(names)
-
-
 SCREEN = 45  # lines
 WORK = [path for path, one in COMMANDS.items() if path and not hasattr(one, "list_commands")]
 GROUPS = [path for path, one in COMMANDS.items() if hasattr(one, "list_commands")]
+OWN = ("help", "help_all", "version", "install_completion", "show_completion")
+"""Options that stand in no panel of ours."""
 
 
 @pytest.mark.parametrize("path", one_in(3, COMMANDS), ids=" ".join)
-def test_help_fits_on_a_screen(path: tuple[str, ...]) -> None:
-    text = said(*path, "--help", env={"COLUMNS": "80"})
-    assert len(text.strip().splitlines()) <= SCREEN
+def test_help_is_a_screen_and_help_all_has_every_flag_in_full(path: tuple[str, ...]) -> None:
+    """In a panel of its own, with every value that is allowed; the docstring is there, and [sources] is no markup."""
+    short = said(*path, "-h", env={"COLUMNS": "80"})
+    assert short == said(*path, "--help", env={"COLUMNS": "80"})
+    assert len(short.strip().splitlines()) <= SCREEN
+    command = COMMANDS[path]
+    names = {one.name: one for one in command.params if one.param_type_name == "option"}
+    whole = said(*path, "--help-all" if "help_all" in names else "-h", env={"COLUMNS": "250"})
+    for text in (short, whole):
+        assert not re.search(r"<bool>|BOOLEAN|--[a-z-]*…|--[a-z-]+ +(?:<str>|<list)", text)
+    for name, one in names.items():
+        assert max(one.opts, key=len) in whole and (name in OWN or one.rich_help_panel), name
+    for kind in (CaptureOptions, UnitOptions):
+        for one in declared(kind):
+            if one.choices and one.option.flag is not None and one.name in names:
+                flag = f"--{one.name.replace('_', '-')}"
+                row = re.search(rf"{flag} .*?(?=│ +--|╰)", whole, re.S)
+                assert row and all(str(value) in row[0] for value in one.choices), one.name
+    if path in WORK:
+        about = flat(inspect.getdoc(command.callback) or "").replace("-", "")
+        assert about in flat(whole).replace("-", "")
 
 
 @pytest.mark.parametrize("path", one_in(2, WORK), ids=" ".join)
@@ -108,15 +105,13 @@ def test_help_says_how_to_see_the_options_that_it_leaves_out(path: tuple[str, ..
     names = {one.name: one for one in COMMANDS[path].params if one.param_type_name == "option"}
     if "help_all" not in names:
         return
-    short, whole = said(*path, "--help"), said(*path, "--help-all")
+    short = said(*path, "--help")
     assert f" {' '.join(path)} --help-all" in flat(short)
     first = set(COMMANDS[path].callback.first)
     assert first < set(names), "names of options that the command has"
+    shown = re.findall(r"^│[* ]+(--?[A-Za-z-]+)", short, flags=re.M)
     for name, one in names.items():
-        flag = max(one.opts, key=len)
-        assert flag in whole
-        shown = re.findall(r"^│[* ]+(--?[A-Za-z-]+)", short, flags=re.M)
-        assert (flag in shown) == (name in {*first, "help_all"}), flag
+        assert (max(one.opts, key=len) in shown) == (name in {*first, "help_all"}), name
 
 
 @pytest.mark.parametrize("path", GROUPS, ids=" ".join)
@@ -126,55 +121,11 @@ def test_a_group_without_a_command_shows_its_help(path: tuple[str, ...]) -> None
     assert done.exit_code == 2
 
 
-@pytest.mark.parametrize("path", one_in(3, COMMANDS), ids=" ".join)
-def test_switches_are_shown_without_a_value(path: tuple[str, ...]) -> None:
-    names = {one.name for one in COMMANDS[path].params}
-    for flag in ("--help", *(["--help-all"] if "help_all" in names else [])):
-        text = said(*path, flag)
-        assert "<bool>" not in text and "BOOLEAN" not in text
-
-
-def test_choices_are_shown_as_choices() -> None:
-    help_text = flat(said("render", "--help-all", env={"COLUMNS": "200"}))
-    choices = [
-        one for one in declared(CaptureOptions) if one.choices and one.option.flag is not None
-    ]
-    assert len(choices) > 4
-    for one in choices:
-        if one.option.metavar is None:
-            assert "|".join(one.choices) in help_text
-        else:  # too long for a narrow terminal: they stand in the sentence
-            assert all(re.search(rf"\b{choice}\b", one.option.help) for choice in one.choices)
-
-
-@pytest.mark.parametrize("path", one_in(3, COMMANDS), ids=" ".join)
-def test_help_lists_every_allowed_value_and_loses_no_bracket(path: tuple[str, ...]) -> None:
-    """What the declaration of an option allows stands in its help; [sources] is no markup; no value is a <str>."""
-    names = {one.name for one in COMMANDS[path].params}
-    help_text = said(
-        *path, "--help-all" if "help_all" in names else "--help", env={"COLUMNS": "250"}
-    )
-    for kind in (CaptureOptions, UnitOptions):
-        for one in declared(kind):
-            if one.choices and one.option.flag is not None and one.name in names:
-                row = re.search(
-                    rf"--{one.name.replace('_', '-')} .*?(?=│ +--|╰)", help_text, re.S
-                )
-                assert row and all(str(value) in row[0] for value in one.choices), one.name
-    assert not re.search(r"--[a-z-]+ +(?:<str>|<list)", help_text)
-    callback = getattr(COMMANDS[path], "callback", None)
-    if callback is not None and path:
-        assert flat(inspect.getdoc(callback) or "").replace("-", "") in flat(help_text).replace(
-            "-", ""
-        )
-
-
-def test_defaults_are_those_of_what_the_command_reads() -> None:
-    """`expose` reads a render; `fpn-maps` and `characterize` read neither scene nor render."""
-    light, maps = flat(said("expose", "--help-all")), flat(said("fpn-maps", "--help-all"))
-    assert "that of the render, else konnik_table1" in light and "scene file's" not in light
-    assert "Default: konnik_table1" in maps and "scene file's" not in maps
-    assert "scene file's" not in flat(said("characterize", "--help-all"))
+def test_commands_stand_in_the_order_of_use() -> None:
+    names = ["render", "expose", "budget", "plan", "cameras", "scenes", "fpn-maps", "lint"]
+    names += ["dataset", "characterize", "sheet", "fit", "study", "doctor"]
+    assert re.findall(r"^│ ([a-z][a-z-]+) ", said("--help"), flags=re.M) == names
+    assert {path[0] for path in COMMANDS if path} == set(names)
 
 
 def test_plan_takes_the_levels_of_lamps(light_of_two_lamps: Path) -> None:
@@ -185,10 +136,6 @@ def test_plan_takes_the_levels_of_lamps(light_of_two_lamps: Path) -> None:
         lights = ["--light", f"a={level}", "--light", f"b={level}"]
         means.append(json.loads(said(*arguments, *lights))["range"]["brightest_e"])
     assert means[1] == pytest.approx(means[0] / 2)
-
-
-def test_the_version_is_one_line() -> None:
-    assert said("--version") == f"mitsuba-sensor {ms.__version__}\n"
 
 
 def proposed(line: str) -> list[str]:
@@ -228,9 +175,8 @@ def test_a_shell_completes_commands_options_and_values(line: str) -> None:
 
 
 def test_bash_completes_files_where_nothing_is_proposed() -> None:
-    script = CliRunner().invoke(
-        app, [], env={"_MITSUBA_SENSOR_COMPLETE": "source_bash"}, prog_name="mitsuba-sensor"
-    )
+    asked = {"_MITSUBA_SENSOR_COMPLETE": "source_bash"}
+    script = CliRunner().invoke(app, [], env=asked, prog_name="mitsuba-sensor")
     assert "complete -o default" in script.stdout
     assert subprocess.run(["bash", "-n"], input=script.stdout, text=True).returncode == 0
 

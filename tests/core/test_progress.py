@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from mitsuba_sensor.cli import lines as lines_module
+from mitsuba_sensor.cli import progress as bars
 from mitsuba_sensor.core import progress as progress_module
 from mitsuba_sensor.core.progress import (
     EVERY_S,
@@ -44,7 +44,7 @@ def written(monkeypatch: pytest.MonkeyPatch, clock: Clock) -> list[str]:
     """What goes to stderr line by line, of progress on the test's clock, without a thread of its own."""
     said: list[str] = []
     monkeypatch.setattr(progress_module, "write_line", said.append)
-    monkeypatch.setattr(lines_module, "write_line", said.append)
+    monkeypatch.setattr(bars, "write_line", said.append)
     monkeypatch.setattr(progress_module.time, "monotonic", clock)
     monkeypatch.setattr(ProgressLines.__init__, "__defaults__", (clock,))
     return said

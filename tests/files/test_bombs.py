@@ -6,8 +6,10 @@ import io
 import itertools
 import os
 import pickle
+import re
 import resource
 import struct
+import time
 import tomllib
 import zipfile
 import zlib
@@ -28,6 +30,7 @@ from mitsuba_sensor.files.npz import read_fpn_maps, write_fpn_maps
 from mitsuba_sensor.files.openexr import Plane, write_planes
 from mitsuba_sensor.files.raw_files import read_raw
 from mitsuba_sensor.files.scene_references import scene_references
+from mitsuba_sensor.files.tiff import read_readouts
 from mitsuba_sensor.lab.frames.manifest import read_manifest
 from mitsuba_sensor.output.importers.import_camera import import_camera
 from mitsuba_sensor.render.motion.aovs import render_aovs
@@ -161,19 +164,13 @@ def zipped(path: Path, name: str, head: bytes, zeros: int = 0) -> None:
 
 
 def test_maps_that_unpack_to_far_more_than_their_file_are_refused(tmp_path: Path) -> None:
-    """300 MB of zeros in 300 kB; and a header of 80 GB before a thousand bytes."""
+    """300 MB of zeros in 300 kB; a header of 80 GB before a thousand bytes; and very many arrays."""
     zipped(tmp_path / "zeros.npz", "prnu.npy", array_header((40_000_000,)), 300 * 2**20)
     zipped(tmp_path / "header.npz", "prnu.npy", array_header((SIDE, SIDE)))
-    with pytest.raises(ms.InputError, match="made to fill the memory"):
-        read_fpn_maps(tmp_path / "zeros.npz")
-    with pytest.raises(ms.InputError, match="cannot be read"):
-        read_fpn_maps(tmp_path / "header.npz")
-
-
-def test_an_archive_of_very_many_arrays_is_refused(tmp_path: Path) -> None:
-    write_fpn_maps(tmp_path / "maps.npz", {f"m{k}": np.zeros(1) for k in range(1001)})
-    with pytest.raises(ms.InputError, match="has 1001 arrays"):
-        read_fpn_maps(tmp_path / "maps.npz")
+    write_fpn_maps(tmp_path / "many.npz", {f"m{k}": np.zeros(1) for k in range(1001)})
+    for name in ("zeros.npz", "header.npz", "many.npz"):
+        with pytest.raises(ms.InputError, match=re.escape(name)):
+            read_fpn_maps(tmp_path / name)
 
 
 class Malicious:
@@ -208,32 +205,44 @@ def test_right_files_that_compress_well_are_read(tmp_path: Path) -> None:
     assert (tmp_path / "f.tiff").stat().st_size < frame.nbytes / 200
 
 
-def test_text_files_have_a_largest_size_and_a_depth(tmp_path: Path) -> None:
-    """Of cameras, curves, lenses, motions and scenes; a pipe, which has no end, is none of them."""
-    large, deep, pipe = tmp_path / "large.toml", tmp_path / "deep.toml", tmp_path / "pipe.toml"
-    large.write_bytes(b"#" * (2**22 + 1))
-    os.mkfifo(pipe)
-    for text in (
-        "x = " + "[" * 5000 + "]" * 5000,
-        "[" + ".".join("a" * 5000) + "]",
-        "x = " + "9" * 5000,
-    ):
-        deep.write_text(text)
+def test_toml_has_a_largest_size_and_a_depth(tmp_path: Path) -> None:
+    file = tmp_path / "a.toml"
+    texts = ("x = " + "[" * 5000 + "]" * 5000, "[" + ".".join("a" * 5000) + "]")
+    for text in (*texts, "x = " + "9" * 5000, "#" * (2**22 + 1)):
+        file.write_text(text)
         for read in (ms.load_camera, read_motion):
-            with pytest.raises(ms.InputError, match="is not valid TOML") as caught:
-                read(deep)
+            with pytest.raises(ms.InputError) as caught:
+                read(file)
             assert len(str(caught.value)) < 300
-    for path, said in ((large, "has 4194305 bytes"), (pipe, "no regular file")):
-        for read in (ms.load_camera, read_motion):
-            with pytest.raises(ms.InputError, match=said):
-                read(path)
-        for field in ("quantum_efficiency.file", "lens.prescription"):
-            path.rename(tmp_path / "x.json")
-            with pytest.raises(ms.InputError, match=said):
-                ms.load_camera("konnik_table1").replace(**{field: str(tmp_path / "x.json")})
-            (tmp_path / "x.json").rename(path)
-    with pytest.raises(ms.InputError, match="is a folder, or no plain file"):
-        parse(pipe, {})
+
+
+def set_field(field: str) -> Callable[[Path], object]:
+    return lambda path: ms.load_camera("konnik_table1").replace(**{field: str(path)})
+
+
+PIPES: dict[str, Callable[[Path], object]] = {
+    **dict.fromkeys(("a.png", "a.tiff", "a.npy", "a.fits", "b.dng"), read_raw),
+    **dict.fromkeys(("c.json", "c.npy", "c.csv", "c.xml", "c.yml", "c.dng"), import_camera),
+    "light.exr": ms.read_irradiance,
+    "maps.npz": read_fpn_maps,
+    "camera.toml": ms.load_camera,
+    "motion.toml": read_motion,
+    "bench.toml": read_manifest,
+    "dataset.toml": read_dataset,
+    "scene.xml": lambda path: parse(path, {}),
+    "lens.json": set_field("lens.prescription"),
+    "lens.zmx": set_field("lens.prescription"),
+    "curves.csv": set_field("quantum_efficiency.file"),
+    "readouts.tiff": read_readouts,
+}
+
+
+@pytest.mark.parametrize("name", PIPES)
+def test_a_pipe_whose_writer_never_comes_is_refused(name: str, tmp_path: Path) -> None:
+    """As every reader would wait for it for ever."""
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(ms.InputError, match=re.escape(name)):
+        PIPES[name](tmp_path / name)
 
 
 def laughs(levels: int) -> str:
@@ -249,58 +258,51 @@ def laughs(levels: int) -> str:
 ENTITY = '<!DOCTYPE a [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;">]>'
 STORAGE = "<opencv_storage>{}</opencv_storage>"
 TEXT_BOMBS = {
-    "aliases": ("a.yml", laughs(12), "alias"),
-    "an alias of itself": ("a.yml", "camera_matrix: &a [*a]\n", "alias"),
-    "deep YAML": ("a.yml", "a: " + "[" * 100_000, "nested more than 32 deep"),
-    "entities": (
-        "a.xml",
-        f"<?xml version='1.0'?>{ENTITY}{STORAGE.format('&b;')}",
-        "<!DOCTYPE>",
-    ),
-    "entities of a report": (
-        "a.xml",
-        f"<?xml version='1.0'?>{ENTITY}<report>&b;</report>",
-        "<!DOCTYPE>",
-    ),
+    "aliases": ("a.yml", laughs(12)),
+    "an alias of itself": ("a.yml", "camera_matrix: &a [*a]\n"),
+    "deep YAML": ("a.yml", "a: " + "[" * 100_000),
+    "entities": ("a.xml", f"{ENTITY}{STORAGE.format('&b;')}"),
+    "entities of a report": ("a.xml", f"{ENTITY}<report>&b;</report>"),
     "an entity that is a file": (
         "a.xml",
-        "<?xml version='1.0'?><!DOCTYPE a [<!ENTITY b SYSTEM 'file:///etc/passwd'>]><report>&b;</report>",
-        "<!DOCTYPE>",
+        "<!DOCTYPE a [<!ENTITY b SYSTEM 'file:///etc/passwd'>]><report>&b;</report>",
     ),
-    "deep XML": ("a.xml", "<report>" + "<a>" * 100_000, "nested more than 32 deep"),
-    "deep OpenCV XML": (
-        "a.xml",
-        STORAGE.format("<a>" * 50 + "</a>" * 50),
-        "nested more than 32 deep",
-    ),
-    "deep JSON": ("a.json", "[" * 100_000, "nested more than 32 deep"),
-    "deep tables of JSON": (
-        "a.json",
-        '{"a":' * 40 + "1" + "}" * 40,
-        "nested more than 32 deep",
-    ),
-    "a long key": ("a.toml", f"[{'.'.join('a' * 1_000_000)}]", "a key has more than 32 parts"),
+    "deep XML": ("a.xml", "<report>" + "<a>" * 100_000),
+    "deep OpenCV XML": ("a.xml", STORAGE.format("<a>" * 50 + "</a>" * 50)),
+    "deep JSON": ("a.json", "[" * 100_000),
+    "deep tables of JSON": ("a.json", '{"a":' * 40 + "1" + "}" * 40),
+    "an integer of 4 MB": ("a.json", '{"algorithms": ' + "9" * 4_000_000 + "}"),
+    "a long key": ("a.toml", f"[{'.'.join('a' * 1_000_000)}]"),
     "a long key behind a string": (
         "a.toml",
         'x = ["""a"""", {' + ".".join("k" * 1_000_000) + ' = 1}, "b"]',
-        "a key has more than 32 parts",
     ),
-    "a long quoted key": (
-        "a.toml",
-        ".".join(['"a"'] * 300_000) + " = 1",
-        "a key has more than 32 parts",
-    ),
+    "a long quoted key": ("a.toml", ".".join(['"a"'] * 300_000) + " = 1"),
 }
 
 
 @pytest.mark.parametrize("name", TEXT_BOMBS)
 def test_texts_that_expand_or_nest_without_end_are_refused(name: str, tmp_path: Path) -> None:
     """The aliases asked for 12 GB, the long key for minutes."""
-    file, text, said = TEXT_BOMBS[name]
+    file, text = TEXT_BOMBS[name]
     (tmp_path / file).write_text(text)
-    with pytest.raises(ms.InputError, match=said) as caught:
+    with pytest.raises(ms.InputError, match=file) as caught:
         import_camera(tmp_path / file)
-    assert len(str(caught.value)) < 400 and "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 600 and "\n" not in str(caught.value)
+    assert "sys." not in str(caught.value)
+
+
+@pytest.mark.parametrize("read", [ms.load_camera, read_dataset, read_motion])
+def test_thousands_of_unknown_keys_are_one_sentence_within_seconds(
+    read: Callable[[Path], object], tmp_path: Path
+) -> None:
+    """50 kB took 11 s, which grew with the square of their number."""
+    table = "[camera]\n" if read is read_motion else ""
+    (tmp_path / "a.toml").write_text(table + "".join(f"kez{k} = 1\n" for k in range(4000)))
+    begin = time.process_time()
+    with pytest.raises(ms.InputError) as caught:
+        read(tmp_path / "a.toml")
+    assert time.process_time() - begin < 5 and len(str(caught.value)) < 600
 
 
 @pytest.mark.parametrize(
@@ -321,32 +323,6 @@ def test_a_key_of_32_parts_and_texts_with_dots_are_read() -> None:
     assert toml_tables(text) == tomllib.loads(text)
     with pytest.raises(tomllib.TOMLDecodeError, match="32"):
         toml_tables(f"{'.'.join('a' * 33)} = 1")
-
-
-def test_a_check_of_a_camera_file_ends_however_it_is_broken(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A text that is not TOML is parsed once, and one error is named. A list over many lines is parsed a few times."""
-    parsed, loads = [0], tomllib.loads
-
-    def counted_loads(text: str) -> dict[str, Any]:
-        parsed[0] += len(text)
-        return loads(text)
-
-    monkeypatch.setattr(tomllib, "loads", counted_loads)
-    for name, text, most_times in (
-        ("broken", "".join(f"x{k} = ?\n" for k in range(20_000)), 3),
-        ("long", "x = [\n" + "[1],\n" * 20_000 + "]\ny = 1\n", 4),
-    ):
-        (tmp_path / f"{name}.toml").write_text(text)
-        parsed[0] = 0
-        found = ms.check_camera(tmp_path / f"{name}.toml")
-        assert parsed[0] < most_times * len(text)
-        if name == "broken":
-            assert len(found) == 1
-        else:
-            lines = {one.field: one.line for one in found}
-            assert (lines["x"], lines["y"]) == (1, 20_003)
 
 
 def test_a_film_of_more_pixels_than_can_be_rendered_is_refused(tmp_path: Path) -> None:

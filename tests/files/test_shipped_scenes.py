@@ -19,7 +19,6 @@ from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
-from mitsuba_sensor.cli.completion import scenes_and_files
 from mitsuba_sensor.dataset.plan import load_plan
 from mitsuba_sensor.files.scene_copies import copy_scene
 from mitsuba_sensor.files.scene_references import scene_references
@@ -118,12 +117,6 @@ def test_a_dataset_names_a_scene(tmp_path: Path) -> None:
     assert Path(own.scene_file) == tmp_path / "still_life"
 
 
-def test_a_dataset_with_a_wrong_name_is_answered_with_all_names(tmp_path: Path) -> None:
-    (tmp_path / "set.toml").write_text(DATASET.format(file="still_live"))
-    with pytest.raises(ms.InputError, match=r"--root.*scenes list.*Did you mean 'still_life'"):
-        load_plan(tmp_path / "set.toml")
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_a_copy_has_all_that_the_scene_reads(name: str, tmp_path: Path) -> None:
     copied = copy_scene(name, tmp_path / "new" / "mine")
@@ -146,26 +139,6 @@ def test_a_copy_does_not_write_over_what_was_changed(tmp_path: Path) -> None:
     assert part.read_text() == "changed" and not scene.exists()
     copy_scene("still_life", tmp_path, force=True)
     assert "changed" not in part.read_text("utf-8")[:10] and scene.exists()
-
-
-def test_the_commands_of_scenes_say_what_they_found_and_wrote(tmp_path: Path) -> None:
-    listed = CliRunner().invoke(app, ["scenes", "list"]).stdout
-    assert all(name in listed for name in NAMES)
-    shown = CliRunner().invoke(app, ["scenes", "show", "cornell_box"]).stdout
-    assert "lamp_cd_per_m2" in shown and str(scene_file("cornell_box")) in shown
-    copied = CliRunner().invoke(app, ["scenes", "copy", "rolling_fan", str(tmp_path)]).stdout
-    assert f"wrote {tmp_path / 'rolling_fan.toml'}" in copied
-    assert f"mitsuba-sensor render {tmp_path / 'rolling_fan.xml'} -o out/" in copied
-
-
-def test_a_shell_completes_names_and_files_that_begin_alike(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "scenes").mkdir()
-    assert scenes_and_files("s") == ["step_wedge", "still_life", "scenes"]
-    assert scenes_and_files("sc") == []  # the shell goes on in the folder itself
-    assert scenes_and_files("fi") == ["first_frame"]
 
 
 def test_the_wheel_has_every_file_that_a_scene_reads() -> None:

@@ -75,8 +75,3 @@ def test_a_user_without_a_home_keeps_nothing(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(Path, "home", no_home)
     keep("light", ARRAYS)
     assert read_kept("light") is None
-
-
-def test_a_relative_cache_folder_counts_as_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", "here")
-    assert cache_folder() == Path.home() / ".cache" / "mitsuba-sensor"

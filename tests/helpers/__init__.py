@@ -9,7 +9,6 @@ import mitsuba_sensor
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "tests" / "data"
 BENCHMARKS = ROOT / "benchmarks"
-ATTACKS = ROOT / "tests" / "attacks"
 CAMERAS = Path(mitsuba_sensor.__file__).parent / "camera" / "cameras"
 
 KEEP = (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -14,7 +13,6 @@ import pytest
 import rawpy
 import tifffile
 from helpers.patches import MIDDLES, OBSERVER, PATCHES, SHAPE, WHITE, distances, lit_by, seen
-from numpy.typing import NDArray
 from scipy import constants
 
 import mitsuba_sensor as ms
@@ -27,7 +25,7 @@ from mitsuba_sensor.render.load.scene import Scene
 BAYER, RGBIR = ms.load_camera("bayer_2mp"), ms.load_camera("rgbir_2mp")
 MONO, EXPOSURE, SIZE = ms.load_camera("konnik_table1"), ms.Exposure(0.01), (41, 53)
 EIGHT_BITS, SIXTEEN_BITS = MONO.replace(**{"adc.bits": 8}), ms.load_camera("eev_44_82")
-LADDER = ms.load_camera("sony_a7s2")
+LADDER, EMCCD = ms.load_camera("sony_a7s2"), ms.load_camera("proem_hs_1024b")
 
 
 def saved(path: Path, camera: ms.Camera, photons: Any = 5000.0, **more: Any) -> ms.Frames:
@@ -49,28 +47,17 @@ def test_libraw_reads_every_pixel_of_a_mosaic_behind_its_own_filter(
         np.testing.assert_array_equal(raw.raw_image, frames.digital[0])
         np.testing.assert_array_equal(np.array(list("RGBG"))[raw.raw_colors], names)
         assert raw.color_desc == b"RGBG" and raw.sizes.flip == 0
-        assert (
-            raw.black_level_per_channel == [4] * 4 and raw.white_level == 4095
-        )  # 4σ of read noise; the last code
+        # 4σ of read noise; the last code
+        assert raw.black_level_per_channel == [4] * 4 and raw.white_level == 4095
         assert (raw.other.shutter_speed, raw.other.aperture) == pytest.approx((0.01, 2.8))
         assert raw.postprocess().shape == (*SIZE, 3)
-        crop = (
-            raw.sizes.crop_left_margin,
-            raw.sizes.crop_top_margin,
-            raw.sizes.crop_width,
-            raw.sizes.crop_height,
-        )
-        assert crop == (
-            2,
-            2,
-            SIZE[1] - 4,
-            SIZE[0] - 4,
-        )  # Adobe's SDK warns of less at the edges
+        sizes = raw.sizes
+        assert (sizes.crop_left_margin, sizes.crop_top_margin) == (2, 2)
+        assert (sizes.crop_height, sizes.crop_width) == (SIZE[0] - 4, SIZE[1] - 4)
     back = read_raw(tmp_path / "a.dng")
     np.testing.assert_array_equal(back.frames, frames.digital)
-    assert back.tile == tuple(map(tuple, names[:2, :2])) and back.exposure_s == pytest.approx(
-        0.01
-    )
+    assert back.tile == tuple(map(tuple, names[:2, :2]))
+    assert back.exposure_s == pytest.approx(0.01)
 
 
 @pytest.mark.parametrize(
@@ -86,32 +73,23 @@ def test_libraw_reads_every_pixel_of_a_camera_without_filters(
         np.testing.assert_array_equal(raw.raw_image, frames.digital[0])
         assert raw.num_colors == 1 and raw.postprocess().shape == (*SIZE, 1)
     tags = dng_tags(tmp_path / "a.dng")
-    assert (
-        tags["PhotometricInterpretation"] == 34892
-        and "CFAPattern" not in tags
-        and len(tags["NoiseProfile"]) == 2
-    )
-    assert dng_tags(tmp_path / "a.dng")["WhiteLevel"] == 2**camera.adc.bits - 1
+    assert tags["PhotometricInterpretation"] == 34892 and "CFAPattern" not in tags
+    assert len(tags["NoiseProfile"]) == 2 and tags["WhiteLevel"] == 2**camera.adc.bits - 1
 
 
 def test_the_white_level_is_that_of_a_full_well_where_the_converter_goes_further(
     tmp_path: Path,
 ) -> None:
     """10 000 e- at K = 0.2 DN/e- over a black level of 100.5 DN, of 4096 codes; three channels above saturation."""
-    fields = {
-        "pixel.full_well_e": 10_000.0,
-        "adc.full_scale_v": 4096 / 0.2 * 30e-6,
-        "adc.black_level_dn": 100.5,
-    }
-    camera = BAYER.replace(**fields, **{"pixel.prnu": 0.0})
+    fields = {"pixel.full_well_e": 10_000.0, "adc.full_scale_v": 4096 / 0.2 * 30e-6}
+    fields |= {"adc.black_level_dn": 100.5, "pixel.prnu": 0.0}
+    camera = BAYER.replace(**fields)
     frames = saved(tmp_path / "a.dng", camera, 1e6)
     tags = dng_tags(tmp_path / "a.dng")
     assert tags["WhiteLevel"] in (2100, 2101) and tags["BlackLevel"] == [100.5] * 4
     assert frames.digital.mean() == pytest.approx(tags["WhiteLevel"], abs=0.6)
     saved(tmp_path / "b.dng", camera.replace(**{"pixel.full_well_e": 1.0}))
-    assert dng_tags(tmp_path / "b.dng")["WhiteLevel"] == 101, (
-        "above the black level, however small a full well is"
-    )
+    assert dng_tags(tmp_path / "b.dng")["WhiteLevel"] == 101, "above the black level"
 
 
 def test_exposure_f_number_and_iso_stand_where_exif_has_them(tmp_path: Path) -> None:
@@ -126,10 +104,8 @@ def test_exposure_f_number_and_iso_stand_where_exif_has_them(tmp_path: Path) -> 
             assert raw.other.iso_speed == short  # LibRaw reads no larger one
     tags = dng_tags(tmp_path / "a.dng")
     assert tags["UniqueCameraModel"] == "sony_a7s2" and tags["Orientation"] == 1
-    assert (
-        bytes(tags["DNGVersion"]) == b"\1\4\0\0"
-        and bytes(tags["DNGBackwardVersion"]) == b"\1\1\0\0"
-    )
+    versions = (bytes(tags[f"DNG{name}Version"]) for name in ("", "Backward"))
+    assert tuple(versions) == (b"\1\4\0\0", b"\1\1\0\0")
 
 
 def test_a_camera_without_iso_numbers_has_the_speed_at_which_it_saturates(
@@ -152,41 +128,6 @@ def test_a_camera_without_iso_numbers_has_the_speed_at_which_it_saturates(
     assert dng_tags(tmp_path / "a.dng")["ExifTag"]["ISOSpeedRatings"] == pytest.approx(
         expected, rel=0.01
     )
-
-
-# Colours.
-
-
-def chart(name: str) -> ms.Photons:
-    """The 24 patches under an illuminant, blocks of 24 pixels, white near saturation."""
-    light = lit_by(name)
-    photons = (
-        np.stack([np.interp(MIDDLES, SHAPE.wavelengths, one) for one in PATCHES])
-        * light.power
-        * MIDDLES
-    )
-    photons *= 29_000 / (photons @ BAYER.qe(MIDDLES).T).max()
-    blocks = photons.reshape(4, 6, -1).repeat(24, axis=0).repeat(24, axis=1)
-    return ms.Photons(blocks, MIDDLES, illuminant=light)
-
-
-def developed(path: Path, **how: Any) -> NDArray[np.float64]:
-    """(24, 3) linear sRGB of the patches' middles, as LibRaw develops them."""
-    with rawpy.imread(str(path)) as raw:
-        done = raw.postprocess(no_auto_bright=True, output_bps=16, gamma=(1, 1), **how) / 65535
-    return np.asarray(
-        done.reshape(4, 24, 6, 24, 3)[:, 6:18, :, 6:18].mean(axis=(1, 3)).reshape(24, 3)
-    )
-
-
-@pytest.mark.parametrize(("name", "mean", "largest"), [("D65", 1.1, 4.0), ("A", 4.0, 12.0)])
-def test_libraw_gives_a_color_checker_its_colours(
-    tmp_path: Path, name: str, mean: float, largest: float
-) -> None:
-    """LibRaw takes the matrix of D65 whatever the light is, so it is further off under lamps."""
-    ms.expose(chart(name), BAYER, EXPOSURE).save_dng(tmp_path / "a.dng")
-    off = distances(developed(tmp_path / "a.dng", use_camera_wb=True), seen(name))
-    assert off.mean() < mean and off.max() < largest
 
 
 @pytest.mark.parametrize("number", [0, 1], ids=["A", "D65"])
@@ -225,24 +166,26 @@ def test_the_matrices_are_those_of_the_dng_specification(number: int) -> None:
 
 
 def test_white_is_as_shot_where_the_illuminant_is_known(tmp_path: Path) -> None:
-    ms.expose(chart("A"), BAYER, EXPOSURE).save_dng(tmp_path / "lamp.dng")
-    per_filter = (BAYER.qe(MIDDLES) * lit_by("A").power * MIDDLES).sum(axis=1)
+    lamp = lit_by("A")
+    photons = ms.Photons(np.ones((*SIZE, 1)) * lamp.power * MIDDLES, MIDDLES, illuminant=lamp)
+    ms.expose(photons, BAYER, EXPOSURE).save_dng(tmp_path / "lamp.dng")
+    per_filter = (BAYER.qe(MIDDLES) * lamp.power * MIDDLES).sum(axis=1)
     neutral = dng_tags(tmp_path / "lamp.dng")["AsShotNeutral"]
     np.testing.assert_allclose(neutral, per_filter / per_filter.max(), rtol=1e-6)
     saved(tmp_path / "unknown.dng", BAYER)
     assert "AsShotNeutral" not in dng_tags(tmp_path / "unknown.dng")
 
 
-# Noise.
-
-
 @pytest.mark.parametrize(
-    ("camera", "photons"), [(BAYER, 20_000.0), (BAYER, 0.0), (MONO, 12_000.0)]
+    ("camera", "photons"),
+    [(BAYER, 20_000.0), (BAYER, 0.0), (MONO, 12_000.0), (EMCCD, 500.0)],
+    ids=["filters", "dark", "mono", "EMCCD"],
 )
 def test_the_noise_profile_is_the_variance_of_64_frames(
     tmp_path: Path, camera: ms.Camera, photons: float
 ) -> None:
-    """Within 1 %, behind each filter; of 20 000 pixels and 64 frames the variance is known to 0.2 %."""
+    """Within 1 %, behind each filter; of 20 000 pixels and 64 frames the variance is known to 0.2 %. The excess noise
+    of the EMCCD doubles it."""
     camera = camera.replace(**{"readout.ve_nonlinearity": 0.0}) if camera is MONO else camera
     frames = ms.expose(np.full((100, 200), photons), camera, EXPOSURE, frames=64)
     frames.save_dng(tmp_path / "a.dng")
@@ -256,13 +199,6 @@ def test_the_noise_profile_is_the_variance_of_64_frames(
         assert own.var(axis=0, ddof=1).mean() == pytest.approx(s * own.mean() + o, rel=0.01)
 
 
-def test_a_camera_without_shot_noise_says_no_noise(
-    tmp_path: Path,
-) -> None:
-    saved(tmp_path / "a.dng", BAYER.without("shot_noise"))
-    assert "NoiseProfile" not in dng_tags(tmp_path / "a.dng")
-
-
 def test_the_camera_of_a_dng_can_be_imported(tmp_path: Path) -> None:
     """Gain exactly; its read noise has the rounding of the converter in it, 0.29 DN."""
     camera = BAYER.replace(**{"adc.bits": 14, "adc.black_level_dn": 256.0})
@@ -274,9 +210,6 @@ def test_the_camera_of_a_dng_can_be_imported(tmp_path: Path) -> None:
     assert found.source_follower.read_noise_e == pytest.approx(
         np.hypot(6.83, rounding_e), rel=1e-3
     )
-
-
-# Files.
 
 
 def test_the_command_line_writes_a_dng_of_every_frame_and_removes_older_ones(
@@ -301,34 +234,19 @@ def test_the_command_line_writes_a_dng_of_every_frame_and_removes_older_ones(
 
 
 REFUSED = {
-    "deep": (
-        BAYER.replace(**{"adc.bits": 18}),
-        SIZE,
-        "a DNG has 16 bits at most, and bayer_2mp has 18; leave dng",
-    ),
-    "infrared": (
-        RGBIR,
-        SIZE,
-        "filters R, G, B, IR in a tile of 2 × 2, and a DNG is read with red, green and blue",
-    ),
-    "small": (
-        MONO,
-        (21, 60),
-        "21 × 60 pixels is too small for a DNG: LibRaw opens 22 × 22 and more; leave dng out",
-    ),
+    "deep": (BAYER.replace(**{"adc.bits": 18}), SIZE, ("16", "18", "bayer_2mp")),
+    "infrared": (RGBIR, SIZE, ("R, G, B, IR", "2 × 2")),
+    "small": (MONO, (21, 60), ("21 × 60", "22 × 22")),
 }
 
 
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_no_dng_holds_is_a_sentence_that_names_the_tiff(tmp_path: Path, case: str) -> None:
-    camera, shape, said = REFUSED[case]
-    with pytest.raises(ms.InputError, match=re.escape(said)) as refused:
+    camera, shape, words = REFUSED[case]
+    with pytest.raises(ms.InputError) as refused:
         ms.expose(np.full(shape, 100.0), camera, EXPOSURE).save_dng(tmp_path / "a.dng")
-    assert (
-        "frame.tiff" in str(refused.value)
-        and "\n" not in str(refused.value)
-        and not list(tmp_path.iterdir())
-    )
+    assert all(word in str(refused.value) for word in ("frame.tiff", *words))
+    assert "\n" not in str(refused.value) and not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("more", [(), ("--render-noise", "per-frame")])
@@ -340,18 +258,14 @@ def test_a_dng_that_cannot_be_is_refused_before_the_render(
     more: tuple[str, ...],
 ) -> None:
     monkeypatch.setattr(Scene, "render", lambda *_, **__: pytest.fail("rendered"))
-    done = cli(
-        "render", scene_file, "-o", tmp_path / "out", "--dng", "--set", "adc.bits=18", *more
-    )
-    assert done.exit_code == 2 and "a DNG has 16 bits at most" in " ".join(done.stderr.split())
-    assert not (tmp_path / "out").exists()
+    asked = ("--dng", "--set", "adc.bits=18", *more)
+    done = cli("render", scene_file, "-o", tmp_path / "out", *asked)
+    assert done.exit_code == 2 and "18" in done.stderr and not (tmp_path / "out").exists()
 
 
 def test_a_frame_that_is_none_of_these_is_refused(tmp_path: Path) -> None:
     frames = ms.expose(np.full(SIZE, 100.0), MONO, EXPOSURE, frames=2)
     frames.save_dng(tmp_path / "a.dng", -1)
     np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.dng"), frames.digital[1])
-    with pytest.raises(
-        ms.InputError, match=r"number is 2; the frames are numbered from 0 to 1\."
-    ):
+    with pytest.raises(ms.InputError, match="number is 2"):
         frames.save_dng(tmp_path / "b.dng", 2)

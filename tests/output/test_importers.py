@@ -195,16 +195,6 @@ def test_every_iso_of_a_calibration_is_a_gain_setting(tmp_path: Path) -> None:
     )
 
 
-def test_the_ladder_of_the_camera_that_it_is_like_is_not_that_of_the_imported_one(
-    tmp_path: Path,
-) -> None:
-    camera = import_camera(
-        written(tmp_path, "imx477.json", TUNING), ms.load_camera("raspberry_pi_hq").at_gain(16)
-    )
-    assert camera.gains == () and camera.gain is None and "gains" not in camera.sources
-    assert camera.source_follower.read_noise_e == 1.5
-
-
 def test_the_shipped_ladder_of_the_sony_a7s2_is_its_calibration(tmp_path: Path) -> None:
     """To the four digits of the file; so where this table has a row."""
     shipped = {one.label: one for one in ms.load_camera("sony_a7s2").gains}
@@ -229,15 +219,6 @@ def test_dngs_of_several_iso_numbers_are_a_ladder(tmp_path: Path) -> None:
         assert gain_dn_per_e(at) == pytest.approx(s * (16383 - 512), rel=1e-5)
         assert at.source_follower.read_noise_e == pytest.approx(np.sqrt(o) / s, rel=1e-5)
         assert at.adc.black_level_dn == 512
-
-
-def test_a_csv_is_the_same_table(tmp_path: Path) -> None:
-    text = "# DN\niso, K, lam, sigTL, sigR, bl, wp\n6400, 6.12032, -0.07517104, 3.4502964, 0.7218788, 512, 16383\n"
-    one = import_camera(written(tmp_path, "a.csv", text))
-    other = import_camera(written(tmp_path, "a.json", {"x_6400": TABLE["SonyA7S2_6400"]}))
-    assert one.model_dump(exclude={"sources", "description"}) == other.model_dump(
-        exclude={"sources", "description"}
-    )
 
 
 REPORT = """<results><sensitivity><K><Short>System Gain</Short><Value>0.25</Value></K><QE><Value>62.5</Value></QE>
@@ -325,44 +306,44 @@ def test_an_imported_camera_is_a_camera_file_without_faults_and_every_number_has
     ), camera.sources
 
 
+def tuning(*algorithms: Any) -> Any:
+    return {"algorithms": list(algorithms)}
+
+
 @pytest.mark.parametrize(
-    ("name", "data", "said"),
+    ("name", "data", "words"),
     [
-        ("a.doc", "", "is of no format that is imported; give a libcamera tuning file"),
-        ("a.json", "{", "is no JSON"),
-        ("a.json", [], "no tuning file"),
-        ("a.json", {"algorithms": [{"rpi.lux": {}}]}, "rpi.noise has no reference_slope; its algorithms are rpi.lux"),
-        ("a.json", {"algorithms": [{"rpi.noise": {"reference_slope": -1}}]}, "reference_slope is -1; it must be"),
-        ("a.json", {"algorithms": [{"rpi.noise": {"reference_slope": 2}}, {"rpi.alsc": {"luminance_lut": [1, 2]}}]},
-         "luminance_lut of rpi.alsc has 2 numbers; it must have 192 or 1024"),
-        ("a.json", {"x_100": {"lam": 0.1}}, "row 'x_100' has no k/kmax/gain_dn_per_e and siggs"),
-        ("a.json", {"x_100": {"K": "big", "sigGs": 1}}, "K at ISO 100 is 'big'; it must be a number above 0"),
-        ("a.csv", "iso,K\n", "has no rows"),
-        ("a.xml", "<a>", "is no XML"),
-        ("a.xml", "<a><QE>60</QE></a>", "has no K and sigma_d of EMVA 1288"),
-        ("a.toml", "x = 1", "has no sensor_type and gain_e_per_adu"),
-        ("a.toml", PRESET.replace("SCMOS", "EMCCD"), "is an EMCCD, which multiplies electrons"),
-        ("a.dng", "no", "cannot be read as a DNG"),
+        ("a.doc", "", "libcamera"),
+        ("a.json", "{", "JSON"),
+        ("a.json", [], "algorithms"),
+        ("a.json", tuning({"rpi.lux": {}}), "reference_slope rpi.lux"),
+        ("a.json", tuning({"rpi.noise": {"reference_slope": -1}}), "reference_slope -1"),
+        ("a.json", tuning({"rpi.noise": {"reference_slope": 2}}, {"rpi.alsc": {"luminance_lut": [1]}}), "192"),
+        ("a.json", {"x_100": {"lam": 0.1}}, "'x_100' siggs"),
+        ("a.json", {"x_100": {"K": "big", "sigGs": 1}}, "K 'big'"),
+        ("a.csv", "iso,K\n", "iso sigGs"),
+        ("a.xml", "<a>", "XML"),
+        ("a.xml", "<a><QE>60</QE></a>", "K sigma_d"),
+        ("a.toml", "x = 1", "sensor_type gain_e_per_adu"),
+        ("a.toml", PRESET.replace("SCMOS", "EMCCD"), "EMCCD"),
+        ("a.dng", "no", "DNG"),
     ],
 )  # fmt: skip
-def test_a_bad_file_is_one_sentence_with_the_value_and_a_way_out(
-    tmp_path: Path, name: str, data: Any, said: str
+def test_a_bad_file_is_one_sentence_with_file_value_and_a_way_out(
+    tmp_path: Path, name: str, data: Any, words: str
 ) -> None:
     with pytest.raises(ms.InputError) as error:
         import_camera(written(tmp_path, name, data))
-    assert said in str(error.value) and str(error.value).endswith((".", ")")), str(error.value)
+    said = str(error.value)
+    assert all(word in said for word in (name, *words.split())) and said[-1] in ".)", said
 
 
 def test_missing_files_and_several_files_are_refused(tmp_path: Path) -> None:
     one = written(tmp_path, "a.json", TUNING)
-    for files, said in (
-        ([], "files is empty"),
-        ([one, one], "2 files are given"),
-        (tmp_path / "none.json", "cannot be read: No such file"),
-        ("getframes:none", "getframes"),
-    ):
+    files = ([], [one, one], tmp_path / "none.json", tmp_path / "none.npy", "getframes:none")
+    for given, said in zip(files, ("files", "2", "none", "none", "getframes"), strict=True):
         with pytest.raises(ms.InputError, match=said):
-            import_camera(files)
+            import_camera(given)
 
 
 PROFILE = {
@@ -405,34 +386,25 @@ def test_a_noise_profile_of_eld_becomes_gain_settings_on_its_lines(tmp_path: Pat
     assert top.readout.row_noise_e * gain == pytest.approx(row_dn, rel=1e-4)
 
 
-class Runs:
-    """An object whose pickle runs a function when it is read."""
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return (print, ("this must not run",))
+def profile_file(folder: Path, value: Any) -> Path:
+    array = np.empty((), dtype=object)
+    array[()] = value
+    np.save(folder / "a.npy", array, allow_pickle=True)
+    return folder / "a.npy"
 
 
 @pytest.mark.parametrize(
     ("value", "said"),
     [
-        (Runs(), "builtins.print, which is no number"),
-        ({"Kmin": Runs()}, "builtins.print, which is no number"),
-        ({"Kmin": 1.0}, "no noise profile with Kmin and Kmax; it has Kmin"),
-        ([1, 2], "has list; give a .npy of one dict"),
-        ({**PROFILE, "Kmax": "much"}, "Kmax is 'much'"),
+        ({"Kmin": 1.0}, "Kmax"),
+        ([1, 2], "list"),
+        ({**PROFILE, "Kmax": "much"}, "'much'"),
         ({**PROFILE, "Profile-1": {}}, "G_scale"),
     ],
 )
-def test_pickles_run_nothing_and_are_refused_with_what_is_wrong(
-    value: Any, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "a.npy"
-    array = np.empty((), dtype=object)
-    array[()] = value
-    np.save(path, array, allow_pickle=True)
-    with pytest.raises(ms.InputError) as error:
-        import_camera(path)
-    assert said in str(error.value) and "this must not run" not in capsys.readouterr().out
+def test_what_is_no_profile_is_refused(value: Any, said: str, tmp_path: Path) -> None:
+    with pytest.raises(ms.InputError, match=said):
+        import_camera(profile_file(tmp_path, value))
 
 
 CALLS = {
@@ -457,11 +429,9 @@ CALLS = {
 def test_no_code_of_a_pickle_calls_anything_or_takes_the_memory(
     name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "a.npy"
-    np.save(path, np.array({}, dtype=object), allow_pickle=True)
-    header = path.read_bytes()[:128]
-    path.write_bytes(header + b"\x80\x04" + CALLS[name])
-    with pytest.raises(ms.InputError, match="of one dict of numbers"):
+    path = profile_file(tmp_path, {})
+    path.write_bytes(path.read_bytes()[:128] + b"\x80\x04" + CALLS[name])
+    with pytest.raises(ms.InputError, match=r"a\.npy"):
         import_camera(path)
     assert "oops" not in capfd.readouterr().out
 
@@ -470,20 +440,10 @@ def test_no_code_of_a_pickle_calls_anything_or_takes_the_memory(
 def test_broken_bytes_of_a_profile_are_refused(seed: int, tmp_path: Path) -> None:
     """Ten files with 12 bytes changed, cut somewhere: a camera or one sentence, nothing else."""
     rng = np.random.default_rng(seed)
-    path = tmp_path / "a.npy"
-    np.save(path, np.array(PROFILE, dtype=object), allow_pickle=True)
+    path = profile_file(tmp_path, PROFILE)
     data = bytearray(path.read_bytes())
     for place in rng.integers(100, len(data), 12):
         data[place] = rng.integers(256)
     path.write_bytes(data[: rng.integers(200, len(data) + 1)])
     with contextlib.suppress(ms.InputError):
         import_camera(path)
-
-
-def test_arrays_and_missing_files_are_no_profiles(tmp_path: Path) -> None:
-    path = tmp_path / "a.npy"
-    np.save(path, np.zeros(3))
-    with pytest.raises(ms.InputError, match="has an array of numbers"):
-        import_camera(path)
-    with pytest.raises(ms.InputError, match="cannot be read"):
-        import_camera(tmp_path / "none.npy")

@@ -53,27 +53,13 @@ def test_a_spectral_exr_has_the_photons_of_its_bands(tmp_path: Path) -> None:
         tmp_path / "s.exr", {f"S0.{nm},0nm": np.full((3, 4), e) for nm, e in level.items()}
     )
     light = ms.read_irradiance(file, unit="w_per_m2_nm")
-    assert light.wavelengths_nm.tolist() == [
-        900,
-        950,
-        1000,
-    ] and light.bandwidths_nm.tolist() == [50, 50, 50]
+    assert light.wavelengths_nm.tolist() == [900, 950, 1000]
+    assert light.bandwidths_nm.tolist() == [50, 50, 50]
     found = ms.collect(light, MONO, EXPOSURE).mean
     expected = [photons_of(e * 50, nm) for nm, e in level.items()]
     np.testing.assert_allclose(
         found, np.broadcast_to(expected, (3, 4, 3)), rtol=2e-3
     )  # the band is not one wavelength
-
-
-def test_units_of_length_and_frequency_in_channel_names(tmp_path: Path) -> None:
-    names = ("S0.0,5um", "S0.550.0nm", "S0.5e14Hz")  # 599.58 nm
-    file = write(
-        tmp_path / "s.exr",
-        {name: np.ones((1, 1)) for name in names} | {"S1.550,0nm": np.ones((1, 1))},
-    )
-    light = ms.read_irradiance(file, unit="w_per_m2_nm")
-    edges = light.wavelengths_nm + 0.5 * light.bandwidths_nm
-    assert edges[:2].tolist() == pytest.approx([525.0, 0.5 * (550 + LIGHT_SPEED_M_PER_S / 5e5)])
 
 
 def test_one_channel_has_the_photons_of_its_wavelength(tmp_path: Path) -> None:
@@ -97,23 +83,6 @@ def test_radiance_of_a_known_field_of_view_falls_off_with_cos4(tmp_path: Path) -
     np.testing.assert_allclose(data, F28 * MONO.lens.transmission * (1 + x**2) ** -2, rtol=1e-4)
 
 
-def test_openimageio_wrote_it(tmp_path: Path) -> None:
-    oiio = pytest.importorskip("OpenImageIO")
-    spec = oiio.ImageSpec(4, 2, 3, "half")
-    spec.channelnames = ("S0.500nm", "S0.510nm", "S0.520nm")
-    out = oiio.ImageOutput.create(str(tmp_path / "o.exr"))
-    assert out.open(str(tmp_path / "o.exr"), spec) and out.write_image(
-        np.full((2, 4, 3), 0.25, np.float32)
-    )
-    out.close()
-    light = ms.read_irradiance(str(tmp_path / "o.exr"), unit="w_per_m2_nm")
-    assert (
-        light.data.shape == (2, 4, 3)
-        and (light.data == 0.25).all()
-        and light.data.dtype == np.float32
-    )
-
-
 def test_rgb_radiance_becomes_the_light_that_mitsuba_makes_of_an_rgb_emitter(
     tmp_path: Path,
 ) -> None:
@@ -123,14 +92,8 @@ def test_rgb_radiance_becomes_the_light_that_mitsuba_makes_of_an_rgb_emitter(
     colour = (0.2, 0.5, 0.05)
     sky = f'<emitter type="constant"><rgb name="radiance" value="{colour[0]}, {colour[1]}, {colour[2]}"/></emitter>'
     narrow = PERSPECTIVE.replace('value="60"', 'value="0.5"')
-    made = ms.render(
-        scene_text(sky, sensor=narrow),
-        BAYER,
-        EXPOSURE,
-        spp=1024,
-        spectral="cube",
-        variant=mi.variant(),
-    )
+    how = {"spp": 1024, "spectral": "cube", "variant": mi.variant()}
+    made = ms.render(scene_text(sky, sensor=narrow), BAYER, EXPOSURE, **how)
     bitmap = mi.Bitmap(np.broadcast_to(np.float32(colour), (3, 4, 3)).copy())
     bitmap.write(str(tmp_path / "rgb.exr"))
     light = ms.read_irradiance(tmp_path / "rgb.exr", unit="radiance_rgb", camera=BAYER)
@@ -146,14 +109,9 @@ def test_rgb_radiance_becomes_the_light_that_mitsuba_makes_of_an_rgb_emitter(
     white = ms.read_irradiance(grey, unit="radiance_rgb", camera=BAYER)
     from mitsuba_sensor.optics.spectra import d65
 
-    expected = (
-        2
-        * d65(white.wavelengths_nm)
-        / 98.997
-        * math.pi
-        / (4 * BAYER.lens.f_number**2)
-        * BAYER.lens.transmission
-    )
+    solid_angle_sr = math.pi / (4 * BAYER.lens.f_number**2)
+    radiance = 2 * d65(white.wavelengths_nm) / 98.997
+    expected = radiance * solid_angle_sr * BAYER.lens.transmission
     np.testing.assert_allclose(white.data[0, 0], expected, rtol=2e-3)
     black = write(tmp_path / "black.exr", {name: np.zeros((1, 1)) for name in "RGB"})
     assert not ms.read_irradiance(black, unit="radiance_rgb", camera=BAYER).data.any()
@@ -260,17 +218,14 @@ def test_a_layer_or_part_that_holds_rgb_is_read_and_one_of_several_chosen(
     eyes = write_parts(tmp_path / "eyes.exr", {"left": FLAT, "right": {c: 3 * x for c, x in FLAT.items()}})  # fmt: skip
     np.testing.assert_allclose(rgb_light(eyes, layer="right").data, 3 * plain, rtol=1e-4)
     np.testing.assert_allclose(rgb_light(both, layer="diffuse").data, 2 * plain, rtol=1e-4)
-    for options, said in (
-        ({}, r"several layers; choose one by layer= \(--layer\): 'left', 'right'"),
-        ({"layer": "rihgt"}, "no layer 'rihgt'; it has 'left', 'right'. Did you mean 'right'"),
-    ):
-        with pytest.raises(ms.InputError, match=said):
+    for options in ({}, {"layer": "rihgt"}):
+        with pytest.raises(ms.InputError, match="'left', 'right'"):
             rgb_light(eyes, **options)
     sheet = ("--unit", "radiance_rgb", "--camera", "bayer_2mp")
     done = cli("expose", eyes, "-o", tmp_path / "out", *sheet, "--layer", "left", "--json")
     assert done.exit_code == 0, done.stderr
     failed = cli("plan", eyes, *sheet)
-    assert failed.exit_code == 2 and "choose one by layer=" in " ".join(failed.stderr.split())
+    assert failed.exit_code == 2 and "--layer" in failed.stderr
 
 
 def test_spectra_and_single_channels_of_several_layers_are_not_mixed(tmp_path: Path) -> None:
@@ -278,7 +233,7 @@ def test_spectra_and_single_channels_of_several_layers_are_not_mixed(tmp_path: P
     spectra = {f"{a}.{n}": np.full((6, 8), k) for k, a in enumerate("ab") for n in names}
     file = write(tmp_path / "s.exr", spectra)
     assert (ms.read_irradiance(file, "w_per_m2_nm", layer="b").data == 1).all()
-    with pytest.raises(ms.InputError, match="choose one by layer="):
+    with pytest.raises(ms.InputError, match="--layer"):
         ms.read_irradiance(file, "w_per_m2_nm")
     mono = write_parts(tmp_path / "m.exr", {"depth": DEPTH, "beauty": FLAT})
     light = ms.read_irradiance(mono, "w_per_m2", 550, layer="beauty.G")
@@ -298,9 +253,9 @@ def test_pixels_that_are_no_picture_are_refused(tmp_path: Path) -> None:
     corners = (np.array([9, 9], np.int32), np.array([16, 14], np.int32))
     away = {"dataWindow": corners, "displayWindow": tuple(x - 9 for x in corners)}
     for made, said in (
-        (tmp_path / "yca.exr", "BY has no single value per pixel"),
-        (write(tmp_path / "line.exr", FLAT, **line), "which span no colours"),
-        (write(tmp_path / "away.exr", FLAT, **away), "no pixel in the display window"),
+        (tmp_path / "yca.exr", "BY"),
+        (write(tmp_path / "line.exr", FLAT, **line), "chromaticities"),
+        (write(tmp_path / "away.exr", FLAT, **away), "display window"),
     ):
         with pytest.raises(ms.InputError, match=said):
             rgb_light(made)
@@ -314,90 +269,48 @@ def test_our_own_file_needs_no_unit_and_refuses_one(light_file: Path, light: Any
         {"fov_deg": 40},
         {"layer": "a"},
     ):
-        with pytest.raises(
-            ms.InputError,
-            match=r"is an irradiance\.exr, whose unit, wavelengths and lens are known",
-        ):
+        with pytest.raises(ms.InputError, match=r"irradiance\.exr"):
             ms.read_irradiance(light_file, **asked)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
-    ("channels", "options", "said"),
+    ("channels", "options", "words"),
     [
-        (
-            "RGB",
-            {},
-            r"program \(channels B, G, R\) without a unit; say what its values are by unit= \(--unit\)",
-        ),
-        ("RGB", {"unit": "radiance_rbg"}, "Did you mean 'radiance_rgb'"),
-        ("RGB", {"unit": "radiance_rgb"}, r"give the camera whose lens it passes \(--camera\)"),
-        (
-            "RGB",
-            {"unit": "radiance_rgb", "camera": BAYER, "wavelength_nm": 550},
-            "wavelength_nm is for one channel",
-        ),
-        (
-            "RGB",
-            {"unit": "w_per_m2_nm"},
-            r"has 0 channels S0\.<wavelength>nm \(B, G, R\).*give another unit",
-        ),
-        (
-            "RGB",
-            {"unit": "w_per_m2", "wavelength_nm": 550},
-            "has 3 channels .* and w_per_m2 is for one",
-        ),
-        (
-            "Y",
-            {"unit": "w_per_m2", "fov_deg": 40},
-            "fov_deg is for radiance, and unit is 'w_per_m2'",
-        ),
-        ("Y", {"unit": "w_per_m2"}, "give wavelength_nm, e.g. 550"),
-        (
-            "Y",
-            {"unit": "w_per_m2", "wavelength_nm": -5},
-            "wavelength_nm is -5; it must be from 1 to 100000",
-        ),
-        ("Y", {"unit": "w_per_m2_nm"}, r"needs two at least; give w_per_m2 and wavelength_nm"),
-        ("Y", {"unit": "radiance_rgb", "camera": "bayer_2mp"}, "has no channels R, G and B"),
+        ("RGB", {}, ("B, G, R", "unit=", "--unit")),
+        ("RGB", {"unit": "radiance_rbg"}, ("'radiance_rgb'",)),
+        ("RGB", {"unit": "radiance_rgb"}, ("--camera",)),
+        ("RGB", {"unit": "radiance_rgb", "camera": BAYER, "wavelength_nm": 550}, ("wavelength_nm",)),
+        ("RGB", {"unit": "w_per_m2_nm"}, ("B, G, R", "S0.<wavelength>nm")),
+        ("RGB", {"unit": "w_per_m2", "wavelength_nm": 550}, ("3 channels", "w_per_m2")),
+        ("Y", {"unit": "w_per_m2", "fov_deg": 40}, ("fov_deg", "'w_per_m2'")),
+        ("Y", {"unit": "w_per_m2"}, ("wavelength_nm", "550")),
+        ("Y", {"unit": "w_per_m2", "wavelength_nm": -5}, ("wavelength_nm", "-5", "100000")),
+        ("Y", {"unit": "w_per_m2_nm"}, ("w_per_m2", "wavelength_nm")),
+        ("Y", {"unit": "radiance_rgb", "camera": "bayer_2mp"}, ("R, G and B",)),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_read_is_one_sentence(
-    tmp_path: Path, channels: str, options: Any, said: str
+    tmp_path: Path, channels: str, options: Any, words: tuple[str, ...]
 ) -> None:
     file = write(tmp_path / "x.exr", {name: np.ones((2, 2)) for name in channels})
-    with pytest.raises(ms.InputError, match=said):
+    with pytest.raises(ms.InputError) as caught:
         ms.read_irradiance(file, **options)
+    assert all(word in str(caught.value) for word in words), caught.value
 
 
 def test_the_commands_take_light_of_another_program(tmp_path: Path, cli: Any) -> None:
     file = write(tmp_path / "rgb.exr", {name: np.full((4, 4), 0.02) for name in "RGB"})
-    done = cli("expose", file, "-o", tmp_path / "out", "--camera", "bayer_2mp", "--unit", "radiance_rgb", "--json",
-               "--set", "lens.f_number=4")  # fmt: skip
+    rgb = ("--camera", "bayer_2mp", "--unit", "radiance_rgb", "--set", "lens.f_number=4")
+    done = cli("expose", file, "-o", tmp_path / "out", *rgb, "--json")
     assert done.exit_code == 0, done.stderr
     assert "Jakob & Hanika 2019" in " ".join(json.loads(done.stdout)["render"]["notes"])
     one = write(tmp_path / "y.exr", {"Y": np.full((4, 4), 1e-3)})
-    done = cli(
-        "plan",
-        one,
-        "--unit",
-        "w_per_m2",
-        "--wavelength-nm",
-        550,
-        "--camera",
-        "konnik_table1",
-        "--json",
-    )
-    assert done.exit_code == 0, done.stderr
+    mono = ("--unit", "w_per_m2", "--wavelength-nm", 550, "--camera", "konnik_table1")
+    assert cli("plan", one, *mono, "--json").exit_code == 0
     for command in (("expose", file, "-o", tmp_path / "no"), ("plan", file)):
         failed = cli(*command, "--camera", "bayer_2mp")
-        assert (
-            failed.exit_code == 2
-            and "say what its values are by unit= (--unit)" in failed.stderr.replace("\n", " ")
-        )
+        assert failed.exit_code == 2 and "--unit" in failed.stderr
     assert not (tmp_path / "no").exists()
-    scene = tmp_path / "s.xml"
-    scene.write_text(scene_text(SKY))
-    assert (
-        "is a scene, which is rendered; leave --unit, --fov-deg and --layer out"
-        in cli("plan", scene, "--unit", "w_per_m2").stderr
-    )
+    (tmp_path / "s.xml").write_text(scene_text(SKY))
+    scene = cli("plan", tmp_path / "s.xml", "--unit", "w_per_m2")
+    assert scene.exit_code == 2 and "--unit" in scene.stderr

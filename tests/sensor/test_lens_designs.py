@@ -191,6 +191,7 @@ WRONG = {  # a piece of the design → what stands there instead, and what is sa
     "  DIAM 5": ("  CLAP 1", "is not what the format"),
     "GLAS F2 0 0 1.5": ("GLAS ___BLANK 1 0 1", "index above 1"),
     "PARM 1 0": ("PARM 1 1e-3", "term r² of an asphere"),
+    "PARM 2 1.0E-6": ("PARM 2000000000 1.0E-6", "the terms 1 to 8"),
     "UNIT MM": ("UNIT FT", "is not what the format has"),
     "DISZ 6.0": ("DISZ 6,0", "is not what the format has"),
     "DISZ 6.00": ("DISZ -6.00", "it must be 0 or more"),

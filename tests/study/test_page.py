@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 from rich.console import Console
 
-from mitsuba_sensor.cli.study_sheet import ROWS_MAX, study_sheet
+from mitsuba_sensor.cli.measuring import ROWS_MAX, study_sheet
 from mitsuba_sensor.files.texts import to_json
 from mitsuba_sensor.pages.drawing import png, svg
 from mitsuba_sensor.pages.html_page import FIGURE_SPACE, html, text

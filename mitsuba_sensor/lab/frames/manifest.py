@@ -19,8 +19,8 @@ from typing import Any, Literal, TypeAlias, get_args
 from ...core import InputError, nearest
 from ...core.errors import shown
 from ...files.raw_files import RAW_FORMATS, RawFile, read_raw
-from ...files.readout_pages import BOTH_HALVES, COMBINED, READOUTS, read_readouts
 from ...files.texts import Facts, read_json, read_toml, text_of_file
+from ...files.tiff import BOTH_HALVES, COMBINED, READOUTS, read_readouts
 
 Kind: TypeAlias = Literal["bias", "dark", "flat", "scene"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
