@@ -69,6 +69,7 @@ IMPORTED_IN = {
         "render/",
         "dataset/file.py",
         "dataset/read.py",
+        "dataset/sample_facts.py",
         "dataset/store.py",
         "dataset/run.py",
     ),
@@ -485,7 +486,7 @@ TOKENS_MAX = {
     "camera": 24845,
     "cli": 21460,
     "core": 24509,
-    "dataset": 43243,
+    "dataset": 43258,
     "examples": 8782,
     "files": 19161,
     "gradient": 4264,
@@ -498,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13941,
     "stages": 32875,
     "study": 9256,
-    "tests": 358462,
+    "tests": 358464,
     "theory": 14658,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

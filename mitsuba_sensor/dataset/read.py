@@ -10,11 +10,11 @@ from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Self, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import ValidationError
 
 from ..camera.camera_file import camera_from
 from ..core import InputError, nearest
@@ -29,6 +29,7 @@ from ..files.tiff import READOUTS, read_readouts
 from ..output.exr import read_aovs_exr
 from ..output.preview import preview
 from .keys import Config, Facts
+from .sample_facts import SampleFacts
 from .store import Row, Store
 from .table import Table
 from .values import PICTURE, stops_taken
@@ -54,105 +55,6 @@ SHORT_NAMES = {"depth": "depth_m", "position": "position_m", "flow": "flow_px"}
 SAMPLES_KEPT = 4
 """Contents of samples and lights that are kept, those read last."""
 KEY_DIGITS_MIN = 4
-
-
-class _Foreign(BaseModel):
-    """A part of sample.json that anybody may have written; other entries of it are passed over."""
-
-    model_config = ConfigDict(extra="ignore")
-
-
-class _Image(_Foreign):
-    columns: int
-    rows: int
-    frames: int
-    exposure_s: float
-    temperature_k: float
-    black_level_dn: float
-    white_level_dn: float
-    origin: tuple[int, int]
-
-
-class _Exposure(_Foreign):
-    ev: float
-
-
-class _Pixel(_Foreign):
-    pitch_x_um: float
-
-
-class _Camera(_Foreign):
-    pixel: _Pixel
-
-
-class _Config(_Foreign):
-    camera: _Camera
-    gain: str | float | None
-    exposure: _Exposure
-
-
-class _View(_Foreign):
-    key: str
-    scene: str
-    config: dict[str, Any]
-
-
-class _Metering(_Foreign):
-    exposure_s: float
-
-
-class _Heights(_Foreign):
-    ideal: list[float]
-    real: list[float]
-
-
-_Row = tuple[float, float, float]
-
-
-class _Intrinsics(_Foreign):
-    matrix: tuple[_Row, _Row, _Row] | None
-    image_size: tuple[int, int]
-    distortion: tuple[float, float, float, float, float] | None
-    heights_mm: _Heights | None
-
-    @model_validator(mode="after")
-    def _has_a_lens(self) -> Self:
-        if self.matrix and not self.distortion and not self.heights_mm:
-            raise ValueError("neither distortion nor heights_mm")
-        return self
-
-
-class _Light(_Foreign):
-    noise_ratio_median: float | None
-    metering: _Metering | None
-    intrinsics: _Intrinsics
-    camera_to_world: list[list[float]] | None
-
-
-class _Readout(_Foreign):
-    name: str
-    overall_system_gain_dn_per_e: float
-    black_level_dn: float
-    white_level_dn: float
-
-
-Quantiles = Annotated[list[float], Field(min_length=5, max_length=5)]
-
-
-class SampleFacts(_Foreign):
-    """What readers need of sample.json."""
-
-    key: str
-    camera: str
-    image: _Image
-    config: _Config
-    view: _View
-    light: _Light
-    readouts: list[_Readout] | None
-    system_gain_dn_per_e: float
-    digital_quantiles_dn: Quantiles
-    electrons_quantiles_e: Quantiles
-    versions: dict[str, str | None]
 
 
 @lru_cache(SAMPLES_KEPT)
