@@ -28,13 +28,15 @@ class AmpGlow(ms.Stage):
     length_px: float
     domain = "electrons"
 
-    def glow_e(self, frame: ms.Frame) -> ms.Array:
+    def glow_e(self, frame: ms.stages.Frame) -> ms.stages.Array:
         """Mean electrons of the glow in every pixel of the frame, wherever its window is on the sensor, (H, W)."""
         rows, columns = np.ix_(frame.window.rows, frame.window.columns)
         corner_e = self.rate_e_per_s * frame.exposure.time_s
         return corner_e * np.exp(-np.hypot(rows, columns) / self.length_px)
 
-    def sample(self, electrons: ms.Electrons, frame: ms.Frame) -> ms.Electrons:
+    def sample(
+        self, electrons: ms.stages.Electrons, frame: ms.stages.Frame
+    ) -> ms.stages.Electrons:
         """Electrons with the glow, whose shot noise is drawn by the stage that counts all electrons."""
         glow_e = frame.window.backend.from_numpy(self.glow_e(frame), frame.window)
         return replace(electrons, dark=electrons.dark + glow_e)

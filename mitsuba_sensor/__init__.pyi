@@ -1,16 +1,14 @@
 """The public names and the modules that they are loaded from when they are first used."""
 
 from . import lab as lab
+from . import stages as stages
 from .camera.camera import Camera as Camera
 from .camera.camera_check import check_camera as check_camera
 from .camera.camera_file import load_camera as load_camera
 from .camera.shipped import list_cameras as list_cameras
 from .capture import Capture as Capture
 from .capture import capture as capture
-from .core import Array as Array
-from .core import Electrons as Electrons
 from .core import Exposure as Exposure
-from .core import Frame as Frame
 from .core import InputError as InputError
 from .core import Photons as Photons
 from .core import SensorWarning as SensorWarning

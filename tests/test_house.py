@@ -487,7 +487,7 @@ TOKENS_MAX = {
     "cli": 21460,
     "core": 24509,
     "dataset": 43258,
-    "examples": 8782,
+    "examples": 8792,
     "files": 19161,
     "gradient": 4264,
     "lab": 68051,
@@ -497,9 +497,9 @@ TOKENS_MAX = {
     "render": 80021,
     "reproduction": 12087,
     "sensor": 13941,
-    "stages": 32875,
+    "stages": 32899,
     "study": 9256,
-    "tests": 358464,
+    "tests": 358687,
     "theory": 14658,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

@@ -176,7 +176,7 @@ class Electrons:
 
     ::
 
-        electrons = ms.Electrons(light=np.full((2, 3), 100.0), dark=2.0)
+        electrons = ms.stages.Electrons(light=np.full((2, 3), 100.0), dark=2.0)
         electrons.total  # 102 in every pixel
     """
 

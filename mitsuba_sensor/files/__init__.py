@@ -2,5 +2,5 @@
 
 Read appearing.py and whole_folder.py first: a file or folder appears whole or not at all.
 disk_errors.py makes one sentence of what the disk refuses, durable.py flushes and hashes. Each format has a module.
-plausible.py refuses files that unpack to far more than they have; scene_references.py lists the files of a scene.
+scene_references.py lists the files of a scene.
 """

@@ -5,3 +5,7 @@ it does to a frame, its fixed patterns. datasheet.py and usual_range.py are the 
 gains.py the factors from electrons to codes. straight.py is the law of the code of each pixel of a straight chain. The
 other modules are distributions and models that effects share.
 """
+
+from ..core import Array as Array
+from ..core import Electrons as Electrons
+from ..core import Frame as Frame

@@ -97,7 +97,7 @@ def test_a_frame_of_given_maps_is_the_frame_of_their_sensor(
     chip: Path, light_file: Path, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Serial 1 with the maps of serial 7 is serial 7, byte by byte in the same temporal noise, and no other."""
-    monkeypatch.setattr(ms.Frame, "key", 5)
+    monkeypatch.setattr(ms.stages.Frame, "key", 5)
     arguments = {"given": ("--fpn-maps", chip), "own": ("--serial", 7), "other": ()}
     for name, more in arguments.items():
         done = cli("expose", light_file, "-o", tmp_path / name, "--frames", 2, *more)
@@ -111,7 +111,7 @@ def test_a_frame_of_given_maps_is_the_frame_of_their_sensor(
 def test_a_render_takes_given_patterns_as_well(
     chip: Path, scene_file: Path, tmp_path: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ms.Frame, "key", 5)
+    monkeypatch.setattr(ms.stages.Frame, "key", 5)
     for name, more in {"given": ("--fpn-maps", chip), "own": ("--serial", 7)}.items():
         done = cli("render", scene_file, "-o", tmp_path / name, *NARROW, *more)
         assert done.exit_code == 0, done.stderr

@@ -16,10 +16,12 @@ class AmpGlow(ms.Stage):
     rate_e_per_s: float = 20_000.0
     domain = "electrons"
 
-    def glow_e(self, frame: ms.Frame) -> ms.Array:
+    def glow_e(self, frame: ms.stages.Frame) -> ms.stages.Array:
         rows, columns = np.ix_(frame.window.rows, frame.window.columns)
         return self.rate_e_per_s * frame.exposure.time_s * np.exp(-(rows + columns) / 40.0)
 
-    def sample(self, electrons: ms.Electrons, frame: ms.Frame) -> ms.Electrons:
+    def sample(
+        self, electrons: ms.stages.Electrons, frame: ms.stages.Frame
+    ) -> ms.stages.Electrons:
         glow = frame.window.backend.from_numpy(self.glow_e(frame), frame.window)
         return replace(electrons, dark=electrons.dark + glow)

@@ -169,7 +169,9 @@ def window_of(config: str, rows: int, serial: int) -> SensorWindow:
     return SensorWindow(serial + 1000 * list(SETTINGS).index(config), (rows, COLUMNS))
 
 
-def trace(stages: tuple[Any, ...], photons: ms.Photons, frame: ms.Frame) -> dict[str, Any]:
+def trace(
+    stages: tuple[Any, ...], photons: ms.Photons, frame: ms.stages.Frame
+) -> dict[str, Any]:
     """Every intermediate signal of one frame under the names of the records."""
     seen: dict[str, Any] = {}
     signal: Any = photons
@@ -235,7 +237,7 @@ def deviations(
     """All comparisons of all records; with rows=1300 the frames are as large as the records'."""
     for number, record in enumerate(records):
         stages = chain_of(settings_of(record))
-        frame = ms.Frame(
+        frame = ms.stages.Frame(
             EXPOSURE, window_of(record["config"], rows, seed), seed=seed + 1000 * number
         )
         seen = trace(stages, photons_of(record, (rows, COLUMNS)), frame)
@@ -307,7 +309,7 @@ def test_an_error_of_1_percent_is_seen(what: str, changes: dict[str, Any], recor
 
 def test_the_constants_are_the_released_ones_to_the_last_digit() -> None:
     derived, parameters = REFERENCE["derived"], REFERENCE["parameters"]["chosen_not_in_table1"]
-    frame = ms.Frame(EXPOSURE, SensorWindow(1, (1, 1)))
+    frame = ms.stages.Frame(EXPOSURE, SensorWindow(1, (1, 1)))
     assert SIMPLE.full_well_v == pytest.approx(derived["V_FW"], rel=1e-14)
     assert SIMPLE.adc_gain_dn_per_v == pytest.approx(REFERENCE["A_ADC_DN_per_V"], rel=1e-14)
     assert SIMPLE.reference_v == parameters["V_REF"]
@@ -345,7 +347,7 @@ def test_a_wrong_setting_is_refused_with_a_remedy(
 
 
 def test_colours_are_refused() -> None:
-    frame = ms.Frame(EXPOSURE, SensorWindow(1, (2, 2)))
+    frame = ms.stages.Frame(EXPOSURE, SensorWindow(1, (2, 2)))
     with pytest.raises(ms.InputError, match="has one wavelength"):
         chain_of(SIMPLE)[0].sample(
             ms.Photons(np.ones((2, 2, 3)), np.array([450.0, 550.0, 650.0])), frame
@@ -375,7 +377,7 @@ def test_a_crop_of_a_frame_is_the_frame_of_the_crop() -> None:
     def render_frames(window: SensorWindow, stage_count: int) -> Any:
         signal: Any = ms.Photons(np.full(window.shape, 27500.0))
         for stage in chain_of(settings)[:stage_count]:
-            signal = stage.sample(signal, ms.Frame(EXPOSURE, window, seed=3))
+            signal = stage.sample(signal, ms.stages.Frame(EXPOSURE, window, seed=3))
         return signal
 
     count = len(chain_of(settings))
@@ -407,7 +409,7 @@ def test_a_pattern_has_its_mean_and_variance(distribution: Any) -> None:
     ) < LIMIT * correlated * squares.std() / math.sqrt(x.size)
 
 
-FRAME = ms.Frame(EXPOSURE, SensorWindow(1, (1, 1)))
+FRAME = ms.stages.Frame(EXPOSURE, SensorWindow(1, (1, 1)))
 FULL_SWING = PublishedFollower(3.1, 0.165, 1.05)
 DARK_MEAN = PublishedDarkMean(1.0, 3.249e-7).mean_e(FRAME)
 OURS_DARK = FigureOfMerit(1.0, 3.249e-7)
@@ -420,7 +422,7 @@ def physical_dark_e(kelvin: float) -> float:
 
 def published_dark_e(kelvin: float) -> float:
     return PublishedDarkMean(1.0, 3.249e-7).mean_e(
-        ms.Frame(ms.Exposure(1.0, kelvin), SensorWindow(1, (1, 1)))
+        ms.stages.Frame(ms.Exposure(1.0, kelvin), SensorWindow(1, (1, 1)))
     )
 
 

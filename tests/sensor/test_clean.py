@@ -186,10 +186,10 @@ class Ramp(ms.Stage):
 
     domain = "electrons"
 
-    def sample(self, signal: ms.Electrons, frame: ms.Frame) -> ms.Array:
-        return ms.Electrons(signal.light * self.gain(frame), signal.dark)
+    def sample(self, signal: ms.stages.Electrons, frame: ms.stages.Frame) -> ms.stages.Array:
+        return ms.stages.Electrons(signal.light * self.gain(frame), signal.dark)
 
-    def gain(self, frame: ms.Frame) -> ms.Array:
+    def gain(self, frame: ms.stages.Frame) -> ms.stages.Array:
         return frame.window.backend.from_numpy(
             1 + 0.01 * frame.window.columns[None, :], frame.window
         )
@@ -201,8 +201,8 @@ class Jitter(ms.Stage):
 
     domain = "electrons"
 
-    def sample(self, signal: ms.Electrons, frame: ms.Frame) -> ms.Array:
-        return ms.Electrons(
+    def sample(self, signal: ms.stages.Electrons, frame: ms.stages.Frame) -> ms.stages.Array:
+        return ms.stages.Electrons(
             signal.light + frame.number(100.0) * frame.normal("jitter"), signal.dark
         )
 
@@ -213,7 +213,7 @@ class Drift(ms.Stage):
 
     domain = "volts"
 
-    def sample(self, swing: ms.Array, frame: ms.Frame) -> ms.Array:
+    def sample(self, swing: ms.stages.Array, frame: ms.stages.Frame) -> ms.stages.Array:
         return swing + frame.number(1e-4 * frame.index)
 
 

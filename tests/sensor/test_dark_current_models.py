@@ -65,9 +65,11 @@ def test_no_pixel_has_a_negative_rate_and_the_mean_stays_however_wide_the_patter
     family: type, cv: float
 ) -> None:
     """250 000 pixels; a log-normal of cv 10 converges slowly: its logarithm is looked at elsewhere (test_draws)."""
-    frame = ms.Frame(ms.Exposure(0.1, 300.0), SensorWindow(2, (500, 500)))
+    frame = ms.stages.Frame(ms.Exposure(0.1, 300.0), SensorWindow(2, (500, 500)))
     dark = (
-        DarkCurrent(TABLE1, family(cv)).sample(ms.Electrons(np.zeros((500, 500))), frame).dark
+        DarkCurrent(TABLE1, family(cv))
+        .sample(ms.stages.Electrons(np.zeros((500, 500))), frame)
+        .dark
     )
     assert np.min(dark) >= 0 and np.isfinite(dark).all()
     tolerance = 5 * cv_of(family(cv)) / 500 + 1e-9

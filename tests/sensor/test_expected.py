@@ -61,7 +61,7 @@ class Drift(ms.Stage):
     volts: float = 5e-4
     domain = "volts"
 
-    def sample(self, swing: ms.Array, frame: ms.Frame) -> ms.Array:
+    def sample(self, swing: ms.stages.Array, frame: ms.stages.Frame) -> ms.stages.Array:
         return swing + frame.number(self.volts * frame.index)
 
 
@@ -285,7 +285,7 @@ def test_extreme_light_and_temperature_have_finite_figures(
 class NoNumber(Drift):
     """Returns NaN in one pixel."""
 
-    def sample(self, swing: ms.Array, frame: ms.Frame) -> ms.Array:
+    def sample(self, swing: ms.stages.Array, frame: ms.stages.Frame) -> ms.stages.Array:
         broken = np.where(np.asarray(frame.window.columns)[None, :] == 5, np.nan, 0.0)
         return swing + frame.window.backend.from_numpy(
             broken + np.zeros(frame.window.shape), frame.window

@@ -56,7 +56,7 @@ def test_a_sensor_is_its_maps_whatever_the_serial(
     option: str, origin: tuple[int, int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """fpn_maps() of serial 7, through a file, given to serial 99: in the same noise, the bytes of serial 7."""
-    monkeypatch.setattr(ms.Frame, "key", 5)
+    monkeypatch.setattr(ms.stages.Frame, "key", 5)
     camera = TABLE1.replace(**OPTIONS[option])
     np.savez(tmp_path / "maps.npz", **ms.fpn_maps(camera, SHAPE, serial=7, origin=origin))
     with np.load(tmp_path / "maps.npz") as maps:
@@ -115,7 +115,7 @@ def test_maps_of_the_whole_sensor_are_cut_to_the_window(
         "dark_current.cv": 0.4,
     }
     camera = TABLE1.replace(**rich | {"sensor.rows": 20, "sensor.columns": 30})
-    monkeypatch.setattr(ms.Frame, "key", 5)
+    monkeypatch.setattr(ms.stages.Frame, "key", 5)
     given = ms.expose(
         LIGHT, camera, EXPOSURE, serial=99, origin=origin, maps=ms.fpn_maps(camera, serial=7)
     )

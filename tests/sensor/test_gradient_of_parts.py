@@ -37,8 +37,8 @@ class Weighted(ms.Stage):
     dark: float
     domain = "electrons"
 
-    def sample(self, signal: ms.Electrons, frame: ms.core.Frame) -> ms.Array:
-        return ms.Electrons(signal.light * self.light, signal.dark * self.dark)
+    def sample(self, signal: ms.stages.Electrons, frame: ms.core.Frame) -> ms.stages.Array:
+        return ms.stages.Electrons(signal.light * self.light, signal.dark * self.dark)
 
 
 PARTS = [(1.0, 3.0), (1.0, 0.0), (0.0, 1.0), (2.0, 1.0)]

@@ -69,7 +69,7 @@ class Changing(ms.Stage):
     offset_v: float
     domain = "volts"
 
-    def sample(self, swing: Any, frame: ms.Frame) -> Any:
+    def sample(self, swing: Any, frame: ms.stages.Frame) -> Any:
         window = frame.window
         offsets = window.cached("offsets", lambda: np.full(window.shape, self.offset_v))
         return swing + window.backend.from_numpy(offsets, window)

@@ -228,7 +228,9 @@ class Glow(ms.Stage):
         distance_px = np.hypot(rows - self.row, columns - self.column)
         return self.electrons * np.exp(-distance_px / self.length_px)
 
-    def sample(self, electrons: ms.Electrons, frame: ms.Frame) -> ms.Electrons:
+    def sample(
+        self, electrons: ms.stages.Electrons, frame: ms.stages.Frame
+    ) -> ms.stages.Electrons:
         glow_e = self.glow_e(*np.ix_(frame.window.rows, frame.window.columns))
         glow = frame.window.backend.from_numpy(glow_e, frame.window)
         return replace(electrons, dark=electrons.dark + glow)

@@ -25,7 +25,7 @@ class Hum(ms.Stage):
     sigma_v: float = 1e-3
     domain = "volts"
 
-    def sample(self, swing: ms.Array, frame: ms.Frame) -> ms.Array:
+    def sample(self, swing: ms.stages.Array, frame: ms.stages.Frame) -> ms.stages.Array:
         return swing + frame.number(self.sigma_v) * getattr(frame, self.draw)("hum")
 
 
@@ -36,7 +36,9 @@ class Flicker(ms.Stage):
     period: float
     domain = "electrons"
 
-    def sample(self, electrons: ms.Electrons, frame: ms.Frame) -> ms.Electrons:
+    def sample(
+        self, electrons: ms.stages.Electrons, frame: ms.stages.Frame
+    ) -> ms.stages.Electrons:
         added_e = 100.0 + 20.0 * np.sin(2 * np.pi * frame.index / self.period)
         return replace(electrons, dark=electrons.dark + frame.number(added_e))
 
@@ -49,20 +51,22 @@ class Ipc(ms.Stage):
     domain = "electrons"
     reach_px = 1
 
-    def sample(self, electrons: ms.Electrons, frame: ms.Frame) -> ms.Electrons:
-        def coupled(signal: ms.Array) -> ms.Array:
+    def sample(
+        self, electrons: ms.stages.Electrons, frame: ms.stages.Frame
+    ) -> ms.stages.Electrons:
+        def coupled(signal: ms.stages.Array) -> ms.stages.Array:
             for _ in range(self.times):
                 sides = sum(frame.neighbour(signal, *side) for side in SIDES)
                 signal = frame.number(0.92) * signal + frame.number(0.02) * sides
             return signal
 
-        return ms.Electrons(coupled(electrons.light), coupled(electrons.dark))
+        return ms.stages.Electrons(coupled(electrons.light), coupled(electrons.dark))
 
 
 class GlowOfTheWindow(AmpGlow):
     """Begins anew in every window."""
 
-    def glow_e(self, frame: ms.Frame) -> ms.Array:
+    def glow_e(self, frame: ms.stages.Frame) -> ms.stages.Array:
         rows, columns = np.indices(frame.window.shape)
         return self.rate_e_per_s * frame.exposure.time_s * np.exp(-(rows + columns) / 40.0)
 
@@ -73,21 +77,21 @@ CALLS = itertools.count()
 class Counting(Hum):
     """Another number at each call."""
 
-    def sample(self, swing: ms.Array, frame: ms.Frame) -> ms.Array:
+    def sample(self, swing: ms.stages.Array, frame: ms.stages.Frame) -> ms.stages.Array:
         return swing + frame.number(1e-3 * next(CALLS))
 
 
 class Drjit(Hum):
     """Another number on a compiled engine."""
 
-    def sample(self, swing: ms.Array, frame: ms.Frame) -> ms.Array:
+    def sample(self, swing: ms.stages.Array, frame: ms.stages.Frame) -> ms.stages.Array:
         return swing + frame.number(1e-3 * frame.window.backend.compiled)
 
 
 class Gap(Hum):
     """No number in one frame."""
 
-    def sample(self, swing: ms.Array, frame: ms.Frame) -> ms.Array:
+    def sample(self, swing: ms.stages.Array, frame: ms.stages.Frame) -> ms.stages.Array:
         return swing + frame.number(float("nan") if frame.index else 0.0)
 
 

@@ -84,7 +84,7 @@ CONDITIONS: tuple[tuple[str, Any], ...] = (
     "source", [one for one in STREAMS if not STREAMS[one][0] & FIXED_PATTERN]
 )
 def test_no_source_has_the_same_numbers_under_other_conditions(source: str) -> None:
-    frame = ms.Frame(EXPOSURE, SensorWindow(4, SHAPE, camera="a"), seed=4)
+    frame = ms.stages.Frame(EXPOSURE, SensorWindow(4, SHAPE, camera="a"), seed=4)
     for name, value in CONDITIONS:
         assert (
             abs(
@@ -119,7 +119,7 @@ def test_a_key_is_of_values_and_not_of_how_they_are_written() -> None:
     """Whole numbers, NumPy's, −0, and the last bits of an exposure make no other frame."""
 
     def key(time_s: Any, kelvin: Any = 298.15, seed: Any = 1, serial: Any = 1) -> int:
-        return ms.Frame(
+        return ms.stages.Frame(
             ms.Exposure(time_s, kelvin), SensorWindow(serial, (1, 1), camera="a"), seed
         ).key
 

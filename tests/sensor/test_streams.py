@@ -58,7 +58,7 @@ def normals(source: str, window: SensorWindow, seed: int = 4, index: int = 0) ->
         return window.line_map(source, 0.0, LINES[source])
     if STREAMS[source][0] & FIXED_PATTERN:
         return window.fixed_map(source, lambda backend, bits: backend.normal(bits))
-    return ms.Frame(EXPOSURE, window, seed, index).normal(source)
+    return ms.stages.Frame(EXPOSURE, window, seed, index).normal(source)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_a_source_of_ones_own_has_a_stream_of_its_own() -> None:
     assert stream_of("banding", fixed=True) == (block | FIXED_PATTERN, 0)
     assert len({stream_of(f"source {i}") for i in range(1000)}) == 1000
     window = SensorWindow(4, (64, 64))
-    frame = ms.Frame(EXPOSURE, window, 4)
+    frame = ms.stages.Frame(EXPOSURE, window, 4)
     own, fixed = frame.normal("banding"), window.fixed_map("banding", normals_of)
     correlated = window.correlated("banding of pixels", 0.2)
     for a, b in itertools.combinations(

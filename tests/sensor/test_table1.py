@@ -70,11 +70,11 @@ def test_spatial_sigma_of_a_frame_is_that_of_table_1_within_1_percent(
 
 def test_27500_photons_give_16500_electrons_with_the_noise_of_detected_electrons() -> None:
     """σ = √16500 = 128.45; Poisson before QE would give 99.5. 10⁶ draws: mean ± 0.13, σ ± 0.09, tested at 5 of them."""
-    frame = ms.Frame(EXPOSURE, SensorWindow(1, (1000, 1000)))
+    frame = ms.stages.Frame(EXPOSURE, SensorWindow(1, (1000, 1000)))
     signal: Any = ms.Photons(np.full((1000, 1000), 27_500.0))
     for stage in (CAMERA.stages[0], ShotNoise(), FullWell(33_000.0)):
         signal = stage.sample(signal, frame)
-    assert isinstance(signal, ms.Electrons)
+    assert isinstance(signal, ms.stages.Electrons)
     assert signal.total.mean() == pytest.approx(16_500, abs=0.65)
     assert signal.total.std() == pytest.approx(128.45, abs=0.46)
     assert signal.total.var() / signal.total.mean() == pytest.approx(1, abs=0.0071)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import mitsuba_sensor as ms
-from mitsuba_sensor import Frame, InputError
+from mitsuba_sensor import InputError
 from mitsuba_sensor.core.types import Float64Array
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
@@ -36,7 +36,7 @@ class Banding(ms.Stage):
         h = np.fft.fftshift(np.fft.irfft(np.sqrt(self.spectrum)))
         return np.asarray(h / np.sqrt(np.sum(h**2)))
 
-    def sample(self, swing: ms.Array, frame: Frame) -> ms.Array:
+    def sample(self, swing: ms.stages.Array, frame: ms.stages.Frame) -> ms.stages.Array:
         """Swing [V] with the banding of this frame."""
         if self.sigma_e == 0:
             return swing
@@ -110,7 +110,7 @@ class Hum(ms.Stage):
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Hum) and bool(np.all(self.sigma_v == other.sigma_v))
 
-    def sample(self, swing: Any, frame: Frame) -> Any:
+    def sample(self, swing: Any, frame: ms.stages.Frame) -> Any:
         """Swing with noise."""
         return swing + self.weights * (
             frame.number(float(self.sigma_v[0])) * frame.normal(self.source)
@@ -128,7 +128,7 @@ class Sum(ms.Stage):
 
     domain = "electrons"
 
-    def sample(self, electrons: Any, frame: Frame) -> Any:
+    def sample(self, electrons: Any, frame: ms.stages.Frame) -> Any:
         """The sum."""
         return electrons.total
 
@@ -144,7 +144,9 @@ class MeanOfTwoExposures(ms.Stage):
 
     domain = "electrons"
 
-    def sample(self, electrons: ms.Electrons, frame: ms.Frame) -> ms.Electrons:
+    def sample(
+        self, electrons: ms.stages.Electrons, frame: ms.stages.Frame
+    ) -> ms.stages.Electrons:
         counts = [frame.poisson(name, electrons.total) for name in ("exposure 1", "exposure 2")]
         return replace(electrons, light=frame.number(0.5) * (counts[0] + counts[1]), dark=0.0)
 

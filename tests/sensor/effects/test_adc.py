@@ -14,7 +14,7 @@ from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.effects.adc import Adc, AdcWithDnl
 
 TABLE1 = ms.load_camera("konnik_table1")
-HERE = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (1, 1)))
+HERE = ms.stages.Frame(ms.Exposure(0.1), SensorWindow(3, (1, 1)))
 PER_CODE = 1000
 WITHOUT_BLACK_LEVEL = [
     name for name in ms.list_cameras() if ms.load_camera(name).adc.black_level_dn is None
@@ -91,7 +91,7 @@ def test_24_bits_deliver_every_code_even_and_odd_in_every_precision(engine: str)
     backend = backend_of(engine)
     starts = (2**22 - 500, 2**23 - 500, 3 * 2**22, 2**24 - 1000)
     codes = np.concatenate([np.arange(start, start + 1000.0) for start in starts])[None]
-    frame = ms.Frame(ms.Exposure(0.1), SensorWindow(3, codes.shape, backend=backend))
+    frame = ms.stages.Frame(ms.Exposure(0.1), SensorWindow(3, codes.shape, backend=backend))
     swing = backend.from_numpy(codes, frame.window)
     np.testing.assert_array_equal(
         backend.to_numpy(Adc(24, 1.0, 0.0).sample(swing, frame), frame.window), codes

@@ -17,9 +17,9 @@ COLD = ms.Exposure(0.01, 170.0)
 
 def bloomed(count: NDArray[np.float64], share: float = 1.0, engine: str = "float64") -> NDArray:
     """Electrons of each pixel behind the stage."""
-    frame = ms.Frame(COLD, SensorWindow(1, count.shape, backend=backend_of(engine)))
+    frame = ms.stages.Frame(COLD, SensorWindow(1, count.shape, backend=backend_of(engine)))
     light = frame.window.backend.from_numpy(count, frame.window)
-    found = Blooming(FULL_WELL_E, share).sample(ms.Electrons(light, 0.0 * light), frame)
+    found = Blooming(FULL_WELL_E, share).sample(ms.stages.Electrons(light, 0.0 * light), frame)
     return np.array(frame.window.backend.to_numpy(found.total, frame.window), np.float64)
 
 

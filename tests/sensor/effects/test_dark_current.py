@@ -36,9 +36,9 @@ def dark_stage(camera: ms.Camera) -> DarkCurrent:
 
 def dark_map(camera: ms.Camera, time_s: float, shape: tuple[int, int] = SHAPE) -> Any:
     """Mean dark electrons of every pixel."""
-    frame = ms.Frame(ms.Exposure(time_s, 300.0), SensorWindow(7, shape))
+    frame = ms.stages.Frame(ms.Exposure(time_s, 300.0), SensorWindow(7, shape))
     return np.broadcast_to(
-        dark_stage(camera).sample(ms.Electrons(np.zeros(shape)), frame).dark, shape
+        dark_stage(camera).sample(ms.stages.Electrons(np.zeros(shape)), frame).dark, shape
     )
 
 
@@ -174,8 +174,10 @@ def test_hot_pixels_cool_with_their_activation_energy_in_every_unit(unit: str) -
         fields = {"dark_current.components": [hot], "dark_current.fom_na_per_cm2": 0.0}
         stage = dark_stage(TABLE1.replace(**fields))
         for kelvin in (300.0, 200.0, 120.0, 0.0):
-            frame = ms.Frame(ms.Exposure(0.1, kelvin), SensorWindow(7, (200, 500)))
-            dark[energy, kelvin] = stage.sample(ms.Electrons(np.zeros((200, 500))), frame).dark
+            frame = ms.stages.Frame(ms.Exposure(0.1, kelvin), SensorWindow(7, (200, 500)))
+            dark[energy, kelvin] = stage.sample(
+                ms.stages.Electrons(np.zeros((200, 500))), frame
+            ).dark
     count = {key: int(np.sum(values > 400)) for key, values in dark.items()}
     assert count[0.56, 300.0] == count[0.0, 300.0] == count[0.0, 120.0] > 900
     assert count[0.56, 200.0] == count[0.56, 120.0] == count[0.56, 0.0] == 0

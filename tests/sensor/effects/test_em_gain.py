@@ -78,8 +78,8 @@ def behind(
 ) -> NDArray[np.float64]:
     """What leaves the register."""
     backend = NUMPY_FLOAT64 if precision == "float64" else NUMPY_FLOAT32
-    frame = ms.Frame(COLD, SensorWindow(1, count.shape, backend=backend))
-    found = stage.sample(ms.Electrons(count.astype(precision), 0.0), frame)
+    frame = ms.stages.Frame(COLD, SensorWindow(1, count.shape, backend=backend))
+    found = stage.sample(ms.stages.Electrons(count.astype(precision), 0.0), frame)
     return np.asarray(found.total, np.float64)
 
 
@@ -102,8 +102,8 @@ def test_gamma_numbers_in_float32_are_those_of_scipy(shape: float) -> None:
 def test_light_and_dark_electrons_are_multiplied_together() -> None:
     """Their sum is the output of the register, and each has the share that it has in front of it."""
     light, dark = np.full((20, 30), 30.0), np.full((20, 30), 10.0)
-    frame = ms.Frame(COLD, SensorWindow(1, light.shape))
-    found = EmGain(GAIN, ELEMENTS).sample(ms.Electrons(light, dark), frame)
+    frame = ms.stages.Frame(COLD, SensorWindow(1, light.shape))
+    found = EmGain(GAIN, ELEMENTS).sample(ms.stages.Electrons(light, dark), frame)
     np.testing.assert_allclose(found.light, 3 * found.dark, rtol=1e-12)
     np.testing.assert_allclose(found.total, behind(light + dark, EmGain(GAIN, ELEMENTS)))
 

@@ -10,7 +10,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.effects.full_well import FullWell, SoftFullWell
 
-SMALL = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
+SMALL = ms.stages.Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
 
 
 @pytest.mark.parametrize("full_well_e", [1.0, 33_000.0, 5e7])
@@ -20,7 +20,7 @@ def test_the_full_well_is_cut_exactly_and_conserves_what_fits(full_well_e: float
         [[0.0, 1.0, full_well_e - 1, full_well_e, full_well_e + 1, 1e12, np.inf, 0.0, 5.0]]
     )
     dark = np.array([[0.0, 1.0, 1.0, 0.0, 3.0, 1e12, 7.0, full_well_e + 5, full_well_e]])
-    after = FullWell(full_well_e).sample(ms.Electrons(light, dark), SMALL)
+    after = FullWell(full_well_e).sample(ms.stages.Electrons(light, dark), SMALL)
     np.testing.assert_array_equal(after.total, np.minimum(light + dark, full_well_e))
     assert (after.light >= 0).all() and (after.dark >= 0).all()
 
@@ -42,8 +42,10 @@ def test_electrons_that_come_and_go_one_by_one_have_its_mean_and_variance(
         counts = counts + np.where(left > 0, step, 0.0)
     window = SensorWindow(3, (50, 80), backend=backend_of(engine))
     light = chance.poisson(np.full(window.shape, level * well_e)).astype(float)
-    arrived = ms.Electrons(window.backend.from_numpy(light, window))
-    held = SoftFullWell(well_e, knee_e).sample(arrived, ms.Frame(ms.Exposure(0.1), window))
+    arrived = ms.stages.Electrons(window.backend.from_numpy(light, window))
+    held = SoftFullWell(well_e, knee_e).sample(
+        arrived, ms.stages.Frame(ms.Exposure(0.1), window)
+    )
     sampled = window.backend.to_numpy(held.total, window)
     error_e = 5 * np.sqrt((counts.var() + sampled.var()) / pixels)
     assert sampled.mean() == pytest.approx(counts.mean(), abs=error_e + 0.5)

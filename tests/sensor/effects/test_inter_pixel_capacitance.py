@@ -31,8 +31,8 @@ def coupled(
 ) -> NDArray[np.float64]:
     """What the sense nodes show of this charge."""
     backend = backend_of("float64" if precision == "float64" else "numpy")
-    frame = ms.Frame(SHORT, SensorWindow(1, charge.shape, backend=backend))
-    found = stage.sample(ms.Electrons(charge.astype(precision), 0.0), frame)
+    frame = ms.stages.Frame(SHORT, SensorWindow(1, charge.shape, backend=backend))
+    found = stage.sample(ms.stages.Electrons(charge.astype(precision), 0.0), frame)
     return np.asarray(found.total, np.float64)
 
 

@@ -26,13 +26,15 @@ from mitsuba_sensor.stages.effects.source_follower import (
 from mitsuba_sensor.stages.gains import full_scale_v, gain_dn_per_e
 
 TABLE1 = ms.load_camera("konnik_table1")
-HERE = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (1, 5)))
+HERE = ms.stages.Frame(ms.Exposure(0.1), SensorWindow(3, (1, 5)))
 A_SN, V_REF = 5e-6, 3.1
 
 
 def swing_of(stage: Any, electrons: Any) -> Any:
     return np.ravel(
-        stage.sample(ms.Electrons(np.atleast_2d(np.asarray(electrons, dtype=float))), HERE)
+        stage.sample(
+            ms.stages.Electrons(np.atleast_2d(np.asarray(electrons, dtype=float))), HERE
+        )
     )
 
 
@@ -101,7 +103,7 @@ def test_the_photon_transfer_slope_at_full_well_is_1_10_k_and_the_variance_1_21_
 
     def digital(electrons: float) -> Any:
         signal: Any = ms.Photons(np.full((400, 1000), electrons / 0.6))
-        frame = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (400, 1000)))
+        frame = ms.stages.Frame(ms.Exposure(0.1), SensorWindow(3, (400, 1000)))
         for stage in stages:
             signal = stage.sample(signal, frame)
         return signal
@@ -131,7 +133,7 @@ def swings_of(camera: ms.Camera, electrons: Any) -> Any:
         for x in stages[first:-1]
         if type(x).__name__.endswith(("SenseNode", "Follower", "Gain"))
     ]
-    signal: Any = ms.Electrons(np.atleast_2d(electrons))
+    signal: Any = ms.stages.Electrons(np.atleast_2d(electrons))
     for stage in quiet:
         signal = stage.sample(signal, HERE)
     return np.ravel(signal)

@@ -10,8 +10,8 @@ from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.effects.prnu import Prnu
 from mitsuba_sensor.stages.fpn_distributions import Rectified
 
-SMALL = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
-CHARGE = ms.Electrons(np.linspace(0, 4e4, 200).reshape(4, 50), np.full((4, 50), 174.0))
+SMALL = ms.stages.Frame(ms.Exposure(0.1), SensorWindow(3, (4, 50)))
+CHARGE = ms.stages.Electrons(np.linspace(0, 4e4, 200).reshape(4, 50), np.full((4, 50), 174.0))
 
 
 def test_prnu_multiplies_light_and_leaves_the_dark_alone() -> None:

@@ -40,7 +40,7 @@ def detected(
     """Mean photoelectrons (H, W)."""
     mean = np.asarray(photons, dtype=float)
     lengths = None if wavelengths_nm is None else np.asarray(wavelengths_nm, dtype=float)
-    frame = ms.Frame(EXPOSURE, SensorWindow(1, mean.shape[:2], origin))
+    frame = ms.stages.Frame(EXPOSURE, SensorWindow(1, mean.shape[:2], origin))
     return camera.stages[0].sample(ms.Photons(mean, lengths), frame).light
 
 
@@ -191,7 +191,7 @@ def yielding(eta: float, fano: float = 0.1, qe: float = 0.5) -> ms.Camera:
 
 def counted(camera: ms.Camera, photons: ms.Photons, shape: tuple[int, int] = (400, 500)) -> Any:
     """Electrons of one frame; detection, shot noise and yield alone."""
-    frame = ms.Frame(EXPOSURE, SensorWindow(3, shape))
+    frame = ms.stages.Frame(EXPOSURE, SensorWindow(3, shape))
     signal: Any = photons
     for stage in camera.stages[:6]:
         if isinstance(stage, QuantumEfficiency | ShotNoise | QuantumYield):

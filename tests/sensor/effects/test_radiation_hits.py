@@ -25,11 +25,11 @@ CHANCE = 1 - math.exp(-FLUX * 15e-4**2 * 2.0)
 def charges(precision: str, index: int = 0, flux: float = FLUX) -> np.ndarray:
     """What a million pixels without electrons have behind the stage [e-]."""
     stage = RadiationHits(flux * 1e-8, HIT_E, 225.0)
-    frame = ms.Frame(
+    frame = ms.stages.Frame(
         COLD, SensorWindow(1, (1000, 1000), backend=backend_of(precision)), index=index
     )
     dark = frame.window.backend.from_numpy(np.zeros((1000, 1000)), frame.window)
-    found = stage.sample(ms.Electrons(dark, dark), frame)
+    found = stage.sample(ms.stages.Electrons(dark, dark), frame)
     return np.array(frame.window.backend.to_numpy(found.total, frame.window), np.float64)
 
 
@@ -58,8 +58,8 @@ def test_the_charge_of_a_hit_has_the_distribution_of_moyal(precision: str) -> No
 def test_many_particles_leave_the_charge_of_all(hits: float) -> None:
     """Mean λ·μ and variance λ·(σ² + μ²), within 5 standard errors of 250 000 pixels."""
     stage = RadiationHits(hits / 225.0 / 2.0, HIT_E, 225.0)
-    frame = ms.Frame(COLD, SensorWindow(1, (500, 500)))
-    found = stage.sample(ms.Electrons(np.zeros((500, 500)), 0.0), frame).total
+    frame = ms.stages.Frame(COLD, SensorWindow(1, (500, 500)))
+    found = stage.sample(ms.stages.Electrons(np.zeros((500, 500)), 0.0), frame).total
     mean_e, square = hits * stage.mean_e, (found - hits * stage.mean_e) ** 2
     assert found.mean() == pytest.approx(mean_e, abs=5 * found.std() / 500)
     expected = hits * ((math.pi * WIDTH * HIT_E) ** 2 / 2 + 1 / 12 + stage.mean_e**2)

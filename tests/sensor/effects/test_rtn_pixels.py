@@ -18,7 +18,7 @@ SHAPE, FRAMES = (100, 200), 30
 def steps(fraction: float, duty: float, switching: float) -> Any:
     """(N, H, W) steps over A of all frames."""
     stage, window = RtnPixels(fraction, 40.0, duty, switching, 5e-6), SensorWindow(7, SHAPE)
-    frames = [ms.Frame(ms.Exposure(0.1), window, 5, index) for index in range(FRAMES)]
+    frames = [ms.stages.Frame(ms.Exposure(0.1), window, 5, index) for index in range(FRAMES)]
     return np.array([stage.sample(np.zeros(SHAPE), frame) for frame in frames]) / 200e-6
 
 

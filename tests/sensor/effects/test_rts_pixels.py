@@ -22,10 +22,12 @@ def states(
 ) -> Any:
     """(N, H, W) electrons of the traps in some frames."""
     stage, window = RtsPixels(share, STEP / 2, switching, DUTY), SensorWindow(7, shape)
-    frames = [ms.Frame(ms.Exposure(2.0), window, 5, index) for index in indices]
+    frames = [ms.stages.Frame(ms.Exposure(2.0), window, 5, index) for index in indices]
     return np.array(
         [
-            np.broadcast_to(stage.sample(ms.Electrons(np.zeros(shape)), frame).dark, shape)
+            np.broadcast_to(
+                stage.sample(ms.stages.Electrons(np.zeros(shape)), frame).dark, shape
+            )
             for frame in frames
         ]
     )
@@ -103,14 +105,14 @@ def test_amplitude_and_switching_cool_each_with_its_activation_energy(
     kelvin: float, amplitude: float, rate: float
 ) -> None:
     """exp(E_a/k·(1/300 − 1/T)), written out for 0.57 and 0.9 eV; darkness at 0 K, and hardly anything at 120 K."""
-    frame = ms.Frame(ms.Exposure(2.0, kelvin), SensorWindow(7, (1, 1)))
+    frame = ms.stages.Frame(ms.Exposure(2.0, kelvin), SensorWindow(7, (1, 1)))
     for energy, factor in ((0.57, amplitude), (0.9, rate)):
         assert math.exp(energy / 8.617333262e-5 * (1 / 300 - 1 / kelvin)) == pytest.approx(
             factor, rel=1e-6, abs=0
         )
     assert COOLED.step_e(frame) == pytest.approx(STEP * amplitude, rel=1e-6, abs=0)
     assert COOLED.traps(frame).rate == pytest.approx(-math.log(0.9) * rate, rel=1e-6, abs=0)
-    cold = ms.Frame(ms.Exposure(2.0, 0.0), SensorWindow(7, (3, 4)), 5, 9)
+    cold = ms.stages.Frame(ms.Exposure(2.0, 0.0), SensorWindow(7, (3, 4)), 5, 9)
     assert COOLED.step_e(cold) == 0.0 and not np.any(
-        COOLED.sample(ms.Electrons(np.zeros((3, 4))), cold).dark
+        COOLED.sample(ms.stages.Electrons(np.zeros((3, 4))), cold).dark
     )

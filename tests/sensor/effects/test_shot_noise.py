@@ -37,9 +37,9 @@ def test_both_parts_of_a_count_are_poisson_and_independent(
     60 comparisons at P(|z| > 5) = 6e-7: one other seed in 30 000 would fail.
     """
     draws, (light, dark) = 2**18, means_e
-    frame = ms.Frame(ms.Exposure(0.1), SensorWindow(3, (1, draws), backend=backend))
+    frame = ms.stages.Frame(ms.Exposure(0.1), SensorWindow(3, (1, draws), backend=backend))
     after = ShotNoise().sample(
-        ms.Electrons(
+        ms.stages.Electrons(
             backend.from_numpy(np.full((1, draws), light), frame.window), frame.number(dark)
         ),
         frame,
