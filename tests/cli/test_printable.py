@@ -118,6 +118,7 @@ def test_our_own_styles_and_the_cursor_of_progress_bars_stay(
 ) -> None:
     from mitsuba_sensor.cli.app import PrintableConsole
 
+    monkeypatch.setenv("TERM", "xterm")  # a dumb terminal has no cursor
     console = PrintableConsole(force_terminal=True, width=60, color_system="standard")
     with console.capture() as taken:
         console.print("[bold red]error:[/] \x1b[32m\x9b", highlight=False)
