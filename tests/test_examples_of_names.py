@@ -17,7 +17,8 @@ import pytest
 
 import mitsuba_sensor as ms
 
-NAMES = [name for name in ms.__all__ if name not in ("Array", "lab")]  # a type, a module
+NAMES = [name for name in ms.__all__ if name not in ("lab", "stages")]  # modules
+NAMES += ["stages.Electrons", "stages.Frame"]
 NAMES += [f"lab.{name}" for name in ms.lab.__all__ if name != "INSTRUMENTS"]  # a table
 
 TESTED_ELSEWHERE = re.compile(

@@ -237,7 +237,7 @@ def test_a_typing_error_is_told_with_its_line(
         (LENS, NAME + SIZE + '<float name="seed" value="1.5"/>', "seed is 1.5"),
         (LENS, NAME + SIZE + '<string name="spectral" value="rgb"/>', "spectral is 'rgb'"),
         (LENS, NAME + SIZE + '<point name="adc.bits" value="1, 2, 3"/>', "must be a <string>"),
-        (LENS, '<string name="camera" value="nikon"/>' + SIZE, "no camera that ships"),
+        (LENS, '<string name="camera" value="nikon"/>' + SIZE, "unknown camera"),
         (LENS, '<string name="camera" value="gone.toml"/>' + SIZE, "cannot be read"),
         (LENS, SIZE, "names it"),
     ],

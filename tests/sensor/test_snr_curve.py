@@ -42,9 +42,9 @@ def test_levels_that_are_no_light_are_refused(electrons: list[float]) -> None:
 
 @pytest.mark.parametrize("camera", ms.list_cameras())
 def test_every_camera_has_a_curve_that_rises_below_saturation(camera: str) -> None:
-    curve = ms.snr_curve(camera)
+    levels = np.geomspace(1, 0.9 * ms.load_camera(camera).saturation_e, 5)
+    curve = ms.snr_curve(camera, electrons=levels)
     assert np.isfinite(curve.snr).all() and (np.diff(curve.signal_dn) > 0).all()
-    assert curve.electrons[0] == 1
 
 
 def test_the_command_budget_sweeps_the_levels_of_light() -> None:
