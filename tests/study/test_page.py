@@ -6,15 +6,20 @@ import io
 import json
 import math
 import re
+import shutil
+import subprocess
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 from rich.console import Console
 
+import mitsuba_sensor as ms
 from mitsuba_sensor.cli.measuring import ROWS_MAX, study_sheet
 from mitsuba_sensor.files.texts import to_json
 from mitsuba_sensor.pages.drawing import png, svg
@@ -196,3 +201,40 @@ def test_of_a_long_table_the_terminal_shows_what_is_not_as_it_must_be() -> None:
     marks = tuple("bad" if i == 7 else "good" for i in range(len(rows)))
     said = shown(study(Table("long", ("case", "n"), rows, marks)))  # type: ignore[arg-type]
     assert "case 7" in said and "case 8" not in said and f"{ROWS_MAX} more rows" in said
+
+
+# In a browser
+
+MEASURE = """<script>addEventListener("load", () => { document.title = JSON.stringify({
+  overflow: document.documentElement.scrollWidth - document.documentElement.clientWidth,
+  unnamed: [...document.querySelectorAll("img, svg, canvas")].filter(x => !(x.alt || x.getAttribute("aria-label")
+    || x.getAttribute("aria-labelledby"))).length, broken: [...document.images].filter(x => !x.naturalWidth).length,
+  requests: performance.getEntriesByType("resource").filter(x => !x.name.startsWith("data:")).length}); });</script>"""
+
+
+@pytest.mark.exhaustive
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="chromium is not installed")
+@pytest.mark.parametrize("width", [380, 800, 1300])
+@pytest.mark.parametrize("kind", ["study", "frame"])
+def test_a_browser_shows_a_page_without_errors_requests_and_overflow(
+    kind: str, width: int, tmp_path: Path
+) -> None:
+    path = tmp_path / "page.html"
+    if kind == "study":
+        path.write_text(html(study(TABLE, *PICTURES)), "utf-8")
+    else:
+        light = np.full((40, 60), 900.0)
+        ms.expose(light, "konnik_table1", ms.Exposure(0.01)).save_page(path)
+    page = path.read_text("utf-8")
+    path.write_text(page.replace("</head>", f"{MEASURE}</head>"), "utf-8")
+    command = ["chromium", "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"]
+    options = ["--enable-logging=stderr", "--virtual-time-budget=5000"]
+    size = f"--window-size={width},900"
+    shown = subprocess.run(
+        [*command, *options, size, path.as_uri()], capture_output=True, text=True, timeout=60
+    )
+    assert "CONSOLE" not in shown.stderr
+    title = re.search("<title>(.*?)</title>", shown.stdout)
+    assert title, shown.stdout[:500]
+    found = json.loads(title[1])
+    assert found == {"overflow": 0, "unnamed": 0, "broken": 0, "requests": 0}
