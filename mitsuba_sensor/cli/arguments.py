@@ -122,7 +122,7 @@ Sweep = Annotated[
     bool,
     typer.Option(
         "--sweep",
-        help="The SNR curve instead: signal and noise at levels of uniform light, from 1 e- to saturation.",
+        help="The SNR curve instead: signal and noise at levels of uniform light, from 1 e- to 90 % of saturation.",
         rich_help_panel="Light",
     ),
 ]

@@ -24,7 +24,7 @@ from .help import Command
 from .values import Flag, number
 
 FIRST_OF_CAMERA = ("camera", "exposure_s", "gain", "settings")
-FIRST_OF_EXPOSE = ("out_dir", "dng", "clean", "as_json", *FIRST_OF_CAMERA, "frames")
+FIRST_OF_EXPOSE = ("out_dir", "dng", "clean", "page", "as_json", *FIRST_OF_CAMERA, "frames")
 FIRST_OF_RENDER = (*FIRST_OF_EXPOSE, "width", "spp")
 FIRST_OF_PLAN = ("as_json", *FIRST_OF_CAMERA, "width", "spp", "tolerance_dn")
 """Options that people use first, as ``--help`` shows them."""
@@ -43,8 +43,8 @@ def render(
 ) -> None:
     """Render SCENE and expose a camera to it.
 
-    Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR (and the files of --dng, --aovs and --clean if
-    asked for): all, or none. With --sensor all these are in DIR/NAME for each sensor of the scene.
+    Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR (and the files of --dng, --aovs, --clean and
+    --page if asked for): all, or none. With --sensor all these are in DIR/NAME for each sensor of the scene.
     """
     from ..files.appearing import output_folder
     from ..files.sensor_names import ALL_SENSORS
@@ -129,7 +129,8 @@ def expose(
     """Expose a camera to irradiance that is already rendered: another time, camera or seed at no cost.
 
     Camera, exposure and serial number are those that it was rendered for, unless you give others.
-    Writes frame.tiff, frame.png and frame.json into DIR (and those of --dng and --clean if asked for): all, or none.
+    Writes frame.tiff, frame.png and frame.json into DIR (and those of --dng, --clean and --page if asked for): all, or
+    none.
     """
     from ..files.appearing import output_folder, refuse_empty
     from ..output.frame_files import FRAME_FILES

@@ -34,7 +34,8 @@ def summary(report: Report, folder: str) -> RenderableType:
     notes = by_weight(report["notes"])
     lines = [Text.assemble(("note: ", "bold yellow"), note) for note in notes[:NOTES_MAX]]
     if len(notes) > NOTES_MAX:
-        lines.append(Text(f"{len(notes) - NOTES_MAX} more notes: frame.json"))
+        more = len(notes) - NOTES_MAX
+        lines.append(Text(f"{more} more note{'s' * (more > 1)}: frame.json"))
     facts = (fact(name, text) for name, text in _facts(report))
     return Group(_head(report, folder), *facts, *lines, Text(WHOLE, style="dim"))
 

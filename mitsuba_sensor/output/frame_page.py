@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera.dual_pixels import has_several_readouts
+from ..camera.figures import saturation_dn
 from ..core import Exposure
 from ..core.html import render_template
 from ..files import png
@@ -59,6 +60,8 @@ def frame_page(frames: Frames) -> str:
         "first": [crop[0].start, crop[1].start],
         "step": step_dn,
         "top": 2**camera.code_bits - 1,
+        "saturation": saturation_dn(camera),
+        "pixels": math.prod(first.window.shape),
         "black": converter.black_level_dn,
         "filters": filters,
         "chosen": exposures.index(first.exposure),
@@ -106,12 +109,13 @@ def _exposure_data(
     """Codes, expected values and σ of the crop at one exposure time."""
     is_own = exposure == frames.first.exposure
     shown = frames if is_own else frames.exposed_for(exposure)
-    codes, sigma_dn = shown.digital[0], np.sqrt(shown.temporal_variance[crop])
+    sigma_dn, counts = np.sqrt(shown.temporal_variance[crop]), shown.counts
     data: dict[str, object] = {
         "time": f"{exposure.time_s:.4g} s",
         "own": is_own,
-        "clipped": float(np.mean(codes >= converter_of(shown.camera.stages).highest)),
-        "codes": _packed(codes[crop]),
+        "full_well": counts["clipped_full_well"],
+        "full_scale": counts["clipped_adc_high"],
+        "codes": _packed(shown.digital[0][crop]),
         "expected": _packed(np.rint(shown.clean[crop] / step_dn)),
         "sigma": _packed(np.rint(sigma_dn / step_dn)),
     }

@@ -268,17 +268,14 @@ class Frames(RawFrames):
         return np.bincount(self.digital.ravel(), minlength=bins)
 
     def plot(self, axes: Axes | None = None) -> Axes:
-        """Draw the histogram of the codes in at most 256 bins with Matplotlib; return the axes."""
-        counts = self.histogram()
-        bins = min(counts.size, PLOTTED_BINS)
-        width_dn = counts.size // bins
+        """Draw the histogram of the codes that occur, in at most 256 bins, with Matplotlib; return the axes."""
+        codes = self.digital
+        width_dn = max(-(-int(codes.max() - codes.min() + 1) // PLOTTED_BINS), 1)
+        edges = np.arange(codes.min(), codes.max() + 1 + width_dn, width_dn) - 0.5
         labels = f"Codes of {self.camera.name}", "code [DN]", f"pixels per {width_dn} DN"
         drawn = labelled_axes(axes, *labels)
-        edges = np.arange(bins + 1) * width_dn - 0.5
-        drawn.stairs(counts.reshape(bins, -1).sum(axis=1), edges, fill=True, label="all frames")
-        drawn.axvline(counts.size - 1, color="black", linestyle=":", label="full-scale code")
+        drawn.stairs(np.histogram(codes, edges)[0], edges, fill=True)
         drawn.set_yscale("symlog")
-        drawn.legend()
         return drawn
 
     def _repr_html_(self) -> str:

@@ -80,7 +80,8 @@ def snr_curve(
         print(curve.snr.max())
 
     exposure : its time and temperature give the dark current. Default: 0.01 s.
-    electrons : mean photoelectrons per pixel of each level. Default: four levels per decade from 1 e- to saturation.
+    electrons : mean photoelectrons per pixel of each level. Default: four levels per decade, 1 e- to 90 % of
+        saturation.
     serial : the sensor unit whose fixed pattern gives the spatial noise.
     Raises InputError for levels that are not positive numbers.
     """

@@ -27,6 +27,7 @@ from PIL import Image
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import DiskFull
+from mitsuba_sensor.dataset import make_dataset
 from mitsuba_sensor.dataset.exports import export as export_module
 from mitsuba_sensor.dataset.exports import parquet
 from mitsuba_sensor.dataset.exports.export import export
@@ -654,3 +655,19 @@ def test_a_damaged_shard_is_not_exported_and_a_missing_one_only_on_request(
     done = export(copy, "card", tmp_path / "out", incomplete=True)
     assert done == (there, [missing]) and 0 < there < count
     assert f"\n{missing}.\n" in (tmp_path / "out/README.md").read_text("utf-8")
+
+
+def test_a_metered_exposure_is_a_number_of_seconds_in_parquet(tmp_path: Path) -> None:
+    """`["auto"]` and `["auto", 0.05]` ended in tracebacks of Arrow and float."""
+    pq = pytest.importorskip("pyarrow.parquet")
+    (tmp_path / "d.toml").write_text(
+        'name = "pq"\n[render]\nspp = 2\nwidth = 16\n[[scenes]]\nname = "flat"\nfile = "flat_field"\n'
+        '[[cameras]]\ncamera = "konnik_table1"\n[grid]\nexposure_s = ["auto", 0.05]\n'
+    )
+    make_dataset(tmp_path / "d.toml", tmp_path / "out", workers=0)
+    export(tmp_path / "out", "parquet", tmp_path / "hf")
+    [file] = (tmp_path / "hf" / "data").iterdir()
+    exposed = pq.read_table(file).column("exposure_s").to_pylist()
+    samples = ms.Dataset(tmp_path / "out")
+    assert exposed == [sample.facts["image"]["exposure_s"] for sample in samples]
+    assert 0.05 in exposed and len({*exposed}) == 2

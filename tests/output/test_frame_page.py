@@ -52,7 +52,8 @@ def test_every_frame_of_the_slider_is_what_expose_delivers(camera: str, tmp_path
         sigma_dn = np.sqrt(frames.temporal_variance).ravel()
         np.testing.assert_allclose(sigma, sigma_dn, atol=0.51 * step, rtol=1e-6)
         top = 2**frames.camera.code_bits - 1
-        assert shown["clipped"] == np.mean(frames.digital == top)
+        assert shown["full_scale"] == np.sum(frames.digital == top)
+        assert shown["full_well"] == frames.counts["clipped_full_well"]
 
 
 def test_a_render_is_exposed_again_as_its_irradiance_is(tmp_path: Path) -> None:

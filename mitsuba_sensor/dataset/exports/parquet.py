@@ -32,13 +32,13 @@ UNSPLIT = "train"
 ROW_BYTES_MAX = 2**31 - 1
 """Arrow counts the bytes of a value with 32 bits."""
 EXPOSURE = ("exposure_s", "black_level_dn", "white_level_dn")
-"""Columns of the entry image of sample.json: as it was exposed."""
+"""Columns of the entry image of sample.json: as it was exposed, also where the time was metered."""
 
 
 def write(job: Job) -> str:
     """Write the rows of every split, in the order of the dataset. Returns how to read."""
     splits, arrays = names_of_splits(job.samples.splits), job.arrays_of(job.samples[0])
-    skipped = (*PLACES, *EXPOSED, "exposure_s (text)")
+    skipped = (*PLACES, *EXPOSED, *EXPOSURE, "exposure_s (text)")
     kinds: dict[str, Kind] = {"key": "text", "split": "text", "gain": "text"}
     kinds |= dict.fromkeys((*EXPOSURE, "system_gain_dn_per_e"), "number")
     kinds |= {x: kind for x, kind in kinds_of(job.file).items() if x not in skipped}
@@ -64,7 +64,8 @@ def _rows(
     """Samples as rows, and the bytes of their images and arrays.  files : array → its file, if it has one."""
     for sample in samples:
         facts, size = sample.facts, 0
-        row: Row = {"gain": facts["config"]["gain"], **value_cells(sample.values, kinds)}
+        varied = {x: value for x, value in sample.values.items() if x not in EXPOSURE}
+        row: Row = {"gain": facts["config"]["gain"], **value_cells(varied, kinds)}
         if kinds["gain"] == "text" and row["gain"] is not None:
             row["gain"] = str(row["gain"])
         row |= {name: facts["image"][name] for name in EXPOSURE}

@@ -81,6 +81,15 @@ class Bench:
     wavelength_nm: float | None = None
     notes: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        kinds = (
+            ("bias", self.biases),
+            ("dark", self.darks),
+            ("flat", self.flats),
+            ("scene", self.scenes),
+        )
+        return f"<Bench: {', '.join(f'{len(stacks)} {kind}' for kind, stacks in kinds)} stacks>"
+
     @property
     def unlit(self) -> tuple[Stack, ...]:
         """Bias and dark stacks."""

@@ -123,6 +123,10 @@ class Stack:
     tile: tuple[tuple[str, ...], ...] = ()
     source: str = "the frames"
 
+    def __repr__(self) -> str:
+        size = " × ".join(map(str, self.frames.shape))
+        return f"<Stack: {size}, {self.frames.dtype}, {self.exposure_s:g} s, {self.source}>"
+
     def __post_init__(self) -> None:
         frames, source = self.frames, self.source
         refuse_masked("frames", frames)

@@ -62,6 +62,9 @@ class Twin:
     settings: tuple[Setting, ...]
     wavelength_nm: float | None
 
+    def __repr__(self) -> str:
+        return f"<Twin: {len(self.settings)} gain settings, {len(self.figures())} figures>"
+
     @property
     def base(self) -> Setting:
         """The setting of the lowest K."""

@@ -36,8 +36,8 @@ class ElectronShare(NamedTuple):
         low_nm, high_nm = self.data_nm
         ends = f"{low_nm:.5g} to {high_nm:.5g} nm".removeprefix("0 to ")
         return (
-            f"up to {self.share:.1%} of the photoelectrons of the {self.filter} pixels, on average {self.dn:.3g} DN, "
-            f"rest on light beyond {ends.replace('to inf nm', 'nm and more')}, where {self.why}"
+            f"up to {self.share:.1%} of the photoelectrons of the {self.filter} pixels depend on "
+            f"light beyond {ends.replace('to inf nm', 'nm and more')}, where {self.why}"
         )
 
 
