@@ -490,7 +490,7 @@ TOKENS_MAX = {
     "examples": 8792,
     "files": 19161,
     "gradient": 4264,
-    "lab": 68134,
+    "lab": 68144,
     "optics": 17471,
     "output": 25587,
     "pages": 3350,

@@ -25,6 +25,7 @@ DRIFT_FALSE_ALARM = 1e-4
 """Share of the stacks without drift in which drift is reported."""
 FLICKER_SIGMAS, FLICKER_ROWS = 3.72, 4
 """A normal number is larger by chance in 1e-4 of the stacks; crosstalk and coupling do not reach so many rows."""
+FLICKER_DN_MIN = 1e-3  # below it are roundings of means, of a saturated stack for example
 
 
 class Maps(NamedTuple):
@@ -100,7 +101,9 @@ def flicker_dn(stack: Stack) -> float:
     rows = rows - np.outer(rows @ profile, profile) / max(profile @ profile, 1e-300)  # drift
     shared = float(np.sum(rows[:, :-FLICKER_ROWS] * rows[:, FLICKER_ROWS:])) / pairs
     variance = float(np.sum(rows**2)) / (frames - 1) / count
-    return math.sqrt(shared) if shared * math.sqrt(pairs) > FLICKER_SIGMAS * variance else 0.0
+    if shared * math.sqrt(pairs) <= FLICKER_SIGMAS * variance or shared < FLICKER_DN_MIN**2:
+        return 0.0
+    return math.sqrt(shared)
 
 
 def neighbour_correlation(stack: Stack) -> float:
