@@ -492,15 +492,15 @@ TOKENS_MAX = {
     "gradient": 4264,
     "lab": 68144,
     "optics": 17471,
-    "output": 25587,
+    "output": 25593,
     "pages": 3350,
     "render": 80021,
     "reproduction": 12087,
     "sensor": 13941,
     "stages": 32899,
     "study": 9256,
-    "tests": 359150,
-    "theory": 14658,
+    "tests": 359258,
+    "theory": 14686,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
 TOKENS_SLACK = 0.03

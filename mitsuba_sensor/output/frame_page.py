@@ -76,7 +76,7 @@ def frame_page(frames: Frames) -> str:
     return render_template(
         Path(__file__).with_name("frame_page.html.j2"),
         title=f"Raw frame of {camera.name}",
-        data=json.dumps(data),
+        data=json.dumps(data).replace("<", "\\u003c"),  # no text ends the script
         still=_png(shown[crop]),
         overview=overview,
         factor=factor,

@@ -270,8 +270,9 @@ class Frames(RawFrames):
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the histogram of the codes that occur, in at most 256 bins, with Matplotlib; return the axes."""
         codes = self.digital
-        width_dn = max(-(-int(codes.max() - codes.min() + 1) // PLOTTED_BINS), 1)
-        edges = np.arange(codes.min(), codes.max() + 1 + width_dn, width_dn) - 0.5
+        low, high = int(codes.min()), int(codes.max())
+        width_dn = -(-(high - low + 1) // PLOTTED_BINS)
+        edges = np.arange(low, high + 1 + width_dn, width_dn) - 0.5
         labels = f"Codes of {self.camera.name}", "code [DN]", f"pixels per {width_dn} DN"
         drawn = labelled_axes(axes, *labels)
         drawn.stairs(np.histogram(codes, edges)[0], edges, fill=True)

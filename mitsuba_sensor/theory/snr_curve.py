@@ -40,13 +40,15 @@ class SnrCurve:
 
     @property
     def snr(self) -> Float64Array:
-        """Signal over temporal noise, as of EMVA 1288."""
-        return self.signal_dn / self.temporal_dn
+        """Signal over temporal noise, as of EMVA 1288; infinite without noise."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self.signal_dn / self.temporal_dn
 
     @property
     def total_snr(self) -> Float64Array:
-        """Signal over temporal and spatial noise together."""
-        return self.signal_dn / np.hypot(self.temporal_dn, self.spatial_dn)
+        """Signal over temporal and spatial noise together; infinite without noise."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return self.signal_dn / np.hypot(self.temporal_dn, self.spatial_dn)
 
     def __repr__(self) -> str:
         levels = f"{len(self.electrons)} levels from {self.electrons[0]:.4g} to {self.electrons[-1]:.4g} e-"

@@ -74,3 +74,12 @@ def test_a_camera_lists_its_own_names_only() -> None:
     names = dir(ms.load_camera("konnik_table1"))
     assert {"pixel", "replace", "emva1288"} <= {*names}
     assert not [name for name in names if "pydantic" in name or name.startswith(("model", "_"))]
+
+
+def test_the_histogram_of_the_largest_codes_is_drawn() -> None:
+    """255 + 1 is 0 in uint8."""
+    matplotlib.use("Agg")
+    camera = ms.load_camera("konnik_table1").replace(**{"adc.bits": 8})
+    frames = ms.expose(np.full((16, 16), 1e9), camera, ms.Exposure(0.01))
+    assert frames.digital.dtype == np.uint8 and (frames.digital == 255).all()
+    assert frames.plot().patches[0].get_data().values.sum() == frames.digital.size
