@@ -165,7 +165,7 @@ def poisson_rows(mean: float) -> tuple[Array, Array, Array]:
 def poisson_points(mean: float) -> tuple[Array, Array]:
     """Counts x, not only whole numbers, and the normal deviates z of the same probability P(N < x) = Q(x, mean).
 
-    From the end of the count 0, a little below x = 1, or from the clip at LOWEST_S, to the last input.
+    From the end of the count 0, a little below x = 1, or from the clip at S_MIN, to the last input.
     """
     guess = chebyshev_nodes(-LARGEST_NORMAL, LARGEST_NORMAL, 241)
     x = np.concatenate(
@@ -177,7 +177,7 @@ def poisson_points(mean: float) -> tuple[Array, Array]:
         -special.ndtri(special.gammainc(x, mean)),
         special.ndtri(special.gammaincc(x, mean)),
     )
-    kept = (z >= quantiles.LOWEST_S * math.sqrt(mean)) & (np.abs(z) <= LARGEST_NORMAL)
+    kept = (z >= quantiles.S_MIN * math.sqrt(mean)) & (np.abs(z) <= LARGEST_NORMAL)
     return x[kept], z[kept]
 
 

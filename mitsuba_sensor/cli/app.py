@@ -19,6 +19,7 @@ from rich.text import Text
 
 from .. import __version__, stopping
 from ..core.printable import printable
+from .flag_names import with_flags
 from .help import Click, Command, Group, UsageError
 
 
@@ -140,7 +141,7 @@ class Program(Group):
 def _say(error: Exception, as_json: bool) -> None:
     """One sentence on stderr; for programs that read JSON also {"error": sentence} on stdout."""
     with stopping.whole_step:  # not if a stop has removed what this thread misses now
-        said = _sentence(error)
+        said = with_flags(_sentence(error))
         err.print(f"[bold red]error:[/] {escape(said)}", highlight=False, soft_wrap=True)
         if as_json:
             show({"error": said}, True)
@@ -198,7 +199,7 @@ def show(found: object, as_json: bool, shown: object = None) -> None:
 def show_remarks(as_json: bool, remarks: Iterable[str]) -> None:
     """Lines below a result, which JSON does not have."""
     for remark in () if as_json else remarks:
-        out.print(Text(remark), highlight=False)
+        out.print(Text(with_flags(remark)), highlight=False)
 
 
 def _sentence(error: BaseException) -> str:

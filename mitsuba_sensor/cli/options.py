@@ -19,6 +19,7 @@ from ..render.variants import VARIANTS
 from ..sensor.options import PERCENTILE, SHARE, FrameOptions, Gain, SensorOptions
 from .arguments import OUTPUT
 from .completion import camera_fields, camera_names, noise_source_names, one_of
+from .flag_names import flag_of
 from .help import show_all
 from .values import Flag, flag_value
 
@@ -346,7 +347,7 @@ def flags(
 def _type(one: Declared) -> Flag:
     """The type of an option as typer wants it, with its flag and its help. Numbers are texts, so that a wrong one gets
     the same sentence as in Python."""
-    flag, kinds = one.option.flag or f"--{one.name.replace('_', '-')}", one.kinds
+    flag, kinds = flag_of(one), one.kinds
     numeric = NUMBERS.get(kinds)
     text: Flag = one.option.text or (str if one.choices or numeric else kinds[0])
     titles = (title for kind, title in PANELS.items() if one.name in kind.__annotations__)

@@ -9,6 +9,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ..core import by_weight
+from .flag_names import with_flags
 from .tables import fact, number
 
 NOTES_MAX = 4
@@ -32,7 +33,9 @@ Report = Mapping[str, Any]  # frame.json
 def summary(report: Report, folder: str) -> RenderableType:
     """Camera and exposure, signal and noise, the render's noise, and the notes that matter most."""
     notes = by_weight(report["notes"])
-    lines = [Text.assemble(("note: ", "bold yellow"), note) for note in notes[:NOTES_MAX]]
+    lines = [
+        Text.assemble(("note: ", "bold yellow"), with_flags(note)) for note in notes[:NOTES_MAX]
+    ]
     if len(notes) > NOTES_MAX:
         more = len(notes) - NOTES_MAX
         lines.append(Text(f"{more} more note{'s' * (more > 1)}: frame.json"))

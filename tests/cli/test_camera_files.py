@@ -232,7 +232,8 @@ def test_the_keys_of_a_row_have_its_value(name: str) -> None:
     camera, rows = camera_of_sheet(sheet, name, ""), EmvaSheet.model_fields
     assert {*rows} == {*KEYS, *COMPARED, "linearity_percent"}
     for row, fields in KEYS.items():
-        value = getattr(sheet, row)
+        if (value := getattr(sheet, row)) is None:
+            continue
         scale, offset = 0.01 if row.endswith("percent") else 1, 273.15 * row.endswith("_c")
         for field, wanted in zip(fields, value if len(fields) > 1 else (value,), strict=True):
             seen = attrgetter(field)(camera)
@@ -279,7 +280,7 @@ def test_rows_that_follow_from_others_are_compared(tmp_path: Path, cli: Cli) -> 
     assert any(note.count("41.3 dB") == 2 for note in notes)
     assert any("linear" in note for note in notes)
     few = json.loads(new(cli, tmp_path, CMV4000 | {"bits": 8}, "--force", "--json").stdout)
-    assert any("the 8 bits end" in note for note in few["notes"])
+    assert any("8 bits saturate" in note for note in few["notes"])
     sheet = {name: x for name, x in IMX174.items() if name != "dark_temperature_c"}
     assert new(cli, tmp_path, {**sheet, "dark_e_per_s": 0}, "--force").exit_code == 0
     assert ms.load_camera(tmp_path / "my.toml").dark_current.at_temperature_k is None
