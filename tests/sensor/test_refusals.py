@@ -114,7 +114,7 @@ WRONG = {
     "table1(gains=[{'iso': 100, 'read_noise_e': 1.0}])": "gain_dn_per_e",
     "table1().without('shotnoise')": "Did you mean 'shot_noise'",
     "table1().without('full_well')": "pixel.full_well_e",
-    "table1().without(['prnu'])": "noise sources are",
+    "table1().without(['prnu'])": "not a noise source",
     # readouts
     "readouts({})": "2 to 8",
     "readouts({}, {'sensor.rows': 5})": "sensor.rows",
