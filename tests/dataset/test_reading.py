@@ -290,7 +290,7 @@ def test_a_dark_picture_of_a_sheet_is_shown_brighter_by_whole_stops(
 
 def test_a_picture_that_cannot_be_read_is_one_sentence(tmp_path: Path) -> None:
     for content in (b"", b"\x89PNG\r\n\x1a\n"):
-        with pytest.raises(ms.InputError, match="is no picture that can be read") as caught:
+        with pytest.raises(ms.InputError, match="cannot be read as a PNG") as caught:
             contact_sheet([SheetRow(["a"], [Captioned(content, ["b"])])])
         assert "\n" not in str(caught.value)
 
