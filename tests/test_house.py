@@ -482,7 +482,7 @@ LINES_OF_A_MODULE, PARAMETERS = 420, 8
 TOKENS_MAX = {
     ".": 8054,
     "bench": 23369,
-    "benchmarks": 23476,
+    "benchmarks": 24536,
     "camera": 24845,
     "cli": 21470,
     "core": 24509,
@@ -494,12 +494,12 @@ TOKENS_MAX = {
     "optics": 17471,
     "output": 24911,
     "pages": 3350,
-    "render": 80021,
+    "render": 79994,
     "reproduction": 12087,
     "sensor": 13941,
     "stages": 32899,
     "study": 9256,
-    "tests": 359183,
+    "tests": 359096,
     "theory": 14686,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
