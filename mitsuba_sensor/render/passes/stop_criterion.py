@@ -14,10 +14,10 @@ from ..denoise.network import is_installed, library
 from ..options import RenderOptions
 from ..samples import PASSES_MIN, pass_plan, whole_grid
 
-DEFAULT_SPP = 256  # at most, of a render that ends at the sensor's noise
-DEFAULT_DENOISED_SPP = 64  # the same, where the rest of the noise is for the denoiser
-DEFAULT_PASS_SPP = 4
-PASS_SPP = 16  # of the passes of a render that a noise ratio or a time ends
+DEFAULT_SPP = 252  # at most, for a render that ends at the sensor's noise
+DEFAULT_DENOISED_SPP = 72  # at most, if the denoiser removes the remaining noise
+GROUP_SPP = 32  # at least, of each light group of such a render
+PASS_SPP = 9  # samples of a pass if the noise or a time ends the render: the fewest without correlated dimensions
 SURE_PASSES_MIN = (
     16  # before a noise ratio that was asked for counts as reached: 15 degrees of freedom
 )
@@ -58,9 +58,10 @@ class StopCriterion:
             max_seconds=self.max_seconds / count,
             asked=None,
         )
-        if self.end != "spp" or self.goal is not None:
+        if self.end == "max_spp":
             return replace(part, passes=max(self.passes // count, PASSES_MIN))
-        spp = max(round(self.passes * self.samples / count), PASSES_MIN)
+        least = PASSES_MIN if self.goal is None else GROUP_SPP
+        spp = max(round(self.passes * self.samples / count), least)
         passes, samples = pass_plan(spp, self.repeatable)
         return replace(part, passes=passes, samples=samples)
 
@@ -115,9 +116,10 @@ def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:
     if spp is None and unlimited and groups == 1:
         denoised = options.get("denoise") is not False and is_installed()
         most = DEFAULT_DENOISED_SPP if denoised else DEFAULT_SPP
+        samples = whole_grid(PASS_SPP, repeatable)
         return StopCriterion(
-            most // DEFAULT_PASS_SPP,
-            DEFAULT_PASS_SPP,
+            most // samples,
+            samples,
             goal=1.0,
             reached="sensor_noise",
             percentile=95.0,
