@@ -482,7 +482,7 @@ LINES_OF_A_MODULE, PARAMETERS = 420, 8
 TOKENS_MAX = {
     ".": 8054,
     "bench": 23369,
-    "benchmarks": 31961,
+    "benchmarks": 32801,
     "camera": 24845,
     "cli": 21470,
     "core": 24509,
@@ -494,12 +494,12 @@ TOKENS_MAX = {
     "optics": 17471,
     "output": 25593,
     "pages": 3350,
-    "render": 80021,
+    "render": 80091,
     "reproduction": 12087,
     "sensor": 13941,
     "stages": 32899,
     "study": 9256,
-    "tests": 359258,
+    "tests": 359225,
     "theory": 14686,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
