@@ -484,7 +484,7 @@ TOKENS_MAX = {
     "bench": 23369,
     "benchmarks": 24536,
     "camera": 24845,
-    "cli": 21470,
+    "cli": 21464,
     "core": 24509,
     "dataset": 43283,
     "examples": 8792,

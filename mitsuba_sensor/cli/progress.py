@@ -88,15 +88,14 @@ def render_progress(
 ) -> Iterator[Callable[[RenderProgress], None]]:
     """A bar over a render and its frames, with the noise ratio as it falls. Yields what ``capture`` takes as its
     progress."""
-    from ..render.passes.stop_criterion import Series
+    from ..render.passes.stop_criterion import standing
 
-    series = Series(options)
     with share_bar(console, now) as tell:
 
         def show(step: RenderProgress) -> None:
             ratio = step.noise_ratio
             note = "" if math.isnan(ratio) else f"render noise {number(ratio)} × the sensor's"
-            tell(*series.standing(step), note)
+            tell(*standing(step, options), note)
 
         yield show
 
