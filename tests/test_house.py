@@ -482,7 +482,7 @@ LINES_OF_A_MODULE, PARAMETERS = 420, 8
 TOKENS_MAX = {
     ".": 8054,
     "bench": 23369,
-    "benchmarks": 24536,
+    "benchmarks": 25376,
     "camera": 24845,
     "cli": 21464,
     "core": 24509,
@@ -494,12 +494,12 @@ TOKENS_MAX = {
     "optics": 17471,
     "output": 24911,
     "pages": 3350,
-    "render": 79994,
+    "render": 79776,
     "reproduction": 12087,
     "sensor": 13941,
     "stages": 32899,
     "study": 9256,
-    "tests": 359096,
+    "tests": 359051,
     "theory": 14686,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
