@@ -179,15 +179,16 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
 
 @pytest.mark.parametrize("case", BAD)
 def test_times_that_cannot_be_are_refused_with_the_way_out(
-    case: str, tmp_path: Path, renders: list[float]
+    case: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    begun = renders_counted(monkeypatch)
     options, sentence = BAD[case]
     given = {**QUICK, **options}
     if case == "renders":
         del given["denoise"]
     with pytest.raises(ms.InputError, match=sentence):
-        ms.capture(write_scene(tmp_path, SCENE), CAMERA, EXPOSURE, **given)
-    assert case == "limits" or not renders  # said before the first ray
+        ms.capture(SCENE, CAMERA, EXPOSURE, **given)
+    assert case == "limits" or not begun  # said before the first ray
 
 
 @pytest.mark.parametrize("options", [{"fps": 0}, {"fps": "fast"}, {"frame_period_s": -1}])
