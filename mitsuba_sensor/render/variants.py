@@ -12,7 +12,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
-from ..core import InputError, nearest
+import numpy as np
+
+from ..core import Array, Float64Array, InputError, nearest
 from ..core.llvm import backend_problem, drjit, llvm_remedy, llvm_version
 
 Arguments = ParamSpec("Arguments")
@@ -146,6 +148,24 @@ def values_of(thing: MitsubaObject) -> Iterator[tuple[str, MitsubaObject]]:
     for name, (value, *_) in parameters.properties.items():
         if value is not None:
             yield name, parameters[name]
+
+
+def evaluate(
+    function: Callable[..., tuple[Array, ...]], inputs: Float64Array
+) -> list[Float64Array]:
+    """Return the outputs, each (N, …), of a function of Mitsuba's numbers for inputs (N, k): all at once, or one by one
+    in scalar variants."""
+    if mitsuba().variant().startswith("scalar"):
+        rows = [
+            [np.array(out, np.float64) for out in function(*row)] for row in inputs.tolist()
+        ]
+        return [np.array(column) for column in zip(*rows, strict=True)]
+    # Made from lists the arrays are aligned; NumPy's may not be, and each alignment compiles a kernel (0.7 s).
+    outputs = function(*(mitsuba().Float(column.tolist()) for column in inputs.T))
+    drjit().eval(outputs)
+    arrays = [np.atleast_1d(np.array(out, dtype=np.float64).T) for out in outputs]
+    # Constant outputs, e.g. the direction of parallel rays, have one entry only.
+    return [np.broadcast_to(x, (len(inputs), *x.shape[1:])) for x in arrays]
 
 
 def is_polarized() -> bool:

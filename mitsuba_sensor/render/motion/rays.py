@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...core import Array, Float64Array
 from ...core.llvm import drjit
 from ..load.scene import Scene
-from ..variants import MitsubaObject, mitsuba
+from ..variants import MitsubaObject, evaluate, mitsuba
 
 RGB_NM = ((600.0, 700.0), (500.0, 600.0), (400.0, 500.0))
 """Thirds of the visible range, approximately the red, green and blue of a sensor."""
@@ -63,7 +63,7 @@ def pixel_rays(scene: Scene, pixels: Float64Array) -> tuple[Float64Array, Float6
         ray, _ = scene.sharp.sample_ray(0.0, 0.5, mi.Point2f(x, y), pupil_centre)
         return ray.o, ray.d, ray.maxt
 
-    origins, directions, maxt = _evaluate(sample_ray, positions)
+    origins, directions, maxt = evaluate(sample_ray, positions)
     to_camera = np.linalg.inv(camera_to_world(scene.sensor))
     # maxt is 0 for vignetted rays.
     directions = np.where(maxt.reshape(-1, 1) > 0, directions, np.nan)
@@ -94,7 +94,7 @@ def first_hits(
         origins @ camera[:3, :3].T + camera[:3, 3],
         np.where(finite[:, None], unit, (0.0, 0.0, 1.0)),
     )
-    valid, position, normal, handles, *colour = _evaluate(
+    valid, position, normal, handles, *colour = evaluate(
         first_surface, np.concatenate([starts, ahead], axis=1)
     )
     found = valid.astype(bool).ravel() & finite
@@ -150,25 +150,6 @@ def _miss(scene: Scene, points: Float64Array, pixels: Float64Array) -> Float64Ar
     along = (points[:, 2] - points[:, 3] * origins[:, 2]) / directions[:, 2]
     passed = points[:, 3:] * origins[:, :2] + along[:, None] * directions[:, :2]
     return passed - points[:, :2]
-
-
-def _evaluate(
-    function: Callable[..., tuple[Array, ...]], inputs: Float64Array
-) -> list[Float64Array]:
-    """Outputs, (N, …), of a function of Mitsuba's numbers at (N, k) inputs: all at once, or one by one in scalar."""
-    mi = mitsuba()
-    if not mi.variant().startswith("scalar"):
-        # Made from lists the arrays are aligned; NumPy's may not be, and each alignment compiles a kernel (0.7 s).
-        outputs = function(*(mi.Float(column.tolist()) for column in inputs.T))
-        drjit().eval(outputs)
-        arrays = [np.atleast_1d(np.array(out, dtype=np.float64).T) for out in outputs]
-        return [
-            np.broadcast_to(x, (len(inputs), *x.shape[1:])) for x in arrays
-        ]  # of parallel rays there is one only
-    rows = [
-        [np.array(out, dtype=np.float64) for out in function(*row)] for row in inputs.tolist()
-    ]
-    return [np.array(column) for column in zip(*rows, strict=True)]
 
 
 def _shape_numbering(

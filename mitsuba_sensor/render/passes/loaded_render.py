@@ -235,8 +235,10 @@ class LoadedRender:
         )
         origin = rendered_for(self.at_rest, self.camera, exposure, self.parsed.serial(None))
         light = replace(light, statistics=statistics, rendered_for=origin)
+        if self.groups:  # notes on their sum follow
+            return light
         light = with_notes_of_shares(light, self.camera, self.at_rest.findings)
-        return light if self.groups else with_brightness(light, self)
+        return with_brightness(light, self)
 
     def _statistics(
         self, passes: Passes, stop: StopCriterion, end: End, ratios: NoiseRatios, raw: Electrons
