@@ -435,7 +435,7 @@ X, Y = posed("x", 0), posed("y", 0)
         (
             [*(posed("x", v) for v in (0, 1, 2)), *(posed("y", v) for v in (2, 0))],
             [{"x": [0, 1, 2]}, {"y": [0, 2]}],
-            "no times of their own",
+            "have no times",
         ),
         ([X, posed("x", 1), Y, posed("y", 1)], [{"x": [0, 1], "y": [0, 1]}], "0.1 s apart"),
         (
@@ -515,7 +515,7 @@ def test_what_a_format_cannot_have_is_left_out_by_name_or_refused(
     ("format", "options", "message"),
     [
         ("coco", {"arrays": ["raw"]}, "arrays is an option of parquet, webdataset, hdf5"),
-        ("hdf5", {"shard_mb": 5}, "shard_mb is an option of parquet, webdataset, and"),
+        ("hdf5", {"shard_mb": 5}, "shard_mb is an option of parquet, webdataset, but"),
         ("ros", {"images": "raw"}, "images is an option of coco, .*the format is ros; omit"),
         ("coco", {"images": "jpeg"}, "images is 'jpeg'; it must be one of preview, raw"),
         ("hdf5", {"arrays": ["colour"]}, "a sample has no 'colour'"),

@@ -16,7 +16,7 @@ from mitsuba_sensor import InputError
 from mitsuba_sensor.dataset import make_dataset
 from mitsuba_sensor.dataset.cameras import Folders
 from mitsuba_sensor.dataset.checks import Counts, check_scenes, checked_counts
-from mitsuba_sensor.dataset.file import read_dataset
+from mitsuba_sensor.dataset.file import dataset_of
 from mitsuba_sensor.dataset.plan import DatasetPlan
 from mitsuba_sensor.dataset.run import run
 
@@ -91,7 +91,7 @@ NEVER: dict[str, tuple[dict[str, Any], str]] = {
             "luminance": "would scale each view by its own median",
             "motion": "belongs to the tables of [[scenes]]",
             "gain": "is varied: gain in [grid]",
-            "widht": "is no field of it. Did you mean 'width'",
+            "widht": "is not a field. Did you mean 'width'",
         }.items()
     },
     "readouts of no camera": ({"outputs": ["readouts"]}, "reads each pixel once"),
@@ -110,7 +110,7 @@ NEVER: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "an exposure by name": (
         {"grid": {}, "list": [{"exposure_s": "fast"}]},
-        "number of seconds, e.g.",
+        "a number of seconds, e.g.",
     ),
     "a temperature that is true": (
         {"grid": {"temperature_k": [True]}, "list": []},
@@ -122,9 +122,9 @@ NEVER: dict[str, tuple[dict[str, Any], str]] = {
         "must be one text or number",
     ),
     "no number": ({"grid": {"exposure_s": [math.nan]}}, "nan must be a finite number"),
-    "a number beyond any": ({"grid": {"traverse.x": [[1, 10**400]]}}, "finite numbers only"),
+    "a number beyond any": ({"grid": {"traverse.x": [[1, 10**400]]}}, "only finite numbers"),
     "a table of a table": ({"list": [{"camera": {"adc": {"bits": 12}}}]}, "in quotes"),
-    "no frames": ({"grid": {"frames": [0]}}, "a whole number from 1 to 65535"),
+    "no frames": ({"grid": {"frames": [0]}}, "frames is 0; it must be from 1 to 65535"),
     "one field by two names": (
         {"grid": {"f_number": [2], "camera.lens.f_number": [4]}, "list": []},
         "'camera.lens.f_number' twice",
@@ -256,7 +256,7 @@ def changed(place: Place, *value: Any) -> dict[str, Any]:
 
 
 def plan_of(tables: dict[str, Any], scenes: Path) -> DatasetPlan:
-    return DatasetPlan(read_dataset(copy.deepcopy(tables)), Folders([scenes]), "")
+    return DatasetPlan(dataset_of(copy.deepcopy(tables), "the tables"), Folders([scenes]), "")
 
 
 def counts_of(plan: DatasetPlan) -> Counts:

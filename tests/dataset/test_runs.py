@@ -144,7 +144,9 @@ def test_another_dataset_in_a_folder_is_refused_and_what_differs_is_named(
     tables: dict[str, Any], named: str, made: Run
 ) -> None:
     before = contents(made())
-    with pytest.raises(InputError, match=f"another dataset file: {named} differ"):
+    with pytest.raises(
+        InputError, match=f"another dataset file, with other values of {named};"
+    ):
         made(**({"grid": tables["grid"]} if "grid" in tables else {"tables": tables}))
     assert contents(made()) == before
 
@@ -284,7 +286,7 @@ def test_ctrl_c_says_how_many_samples_are_complete_of_all_runs(
         counts.append(int(said.split("stopped; ")[1].split()[0]))
         time.sleep(0.5)
         assert counts[-1] == 2 * len(Store(tmp_path).finished()), said
-        assert said.strip().endswith("the same command goes on from there"), said
+        assert said.strip().endswith("the same command continues from there"), said
     assert counts[1] > counts[0]
     assert not [*tmp_path.rglob(f"{durable.SCRATCH}*")], "what was unfinished is undone"
 
@@ -326,9 +328,7 @@ def test_the_command_makes_shows_and_verifies_a_dataset(tmp_path: Path, cli: Cli
     assert "0 samples made, 1 were there already" in again.stdout
     status = json.loads(cli("dataset", "status", tmp_path / "out", "--json").stdout)
     assert status["there"] == status["samples"] == 1 and not status["failed"]
-    assert (
-        "every file is as it was written" in cli("dataset", "verify", tmp_path / "out").stdout
-    )
+    assert "every file is unchanged" in cli("dataset", "verify", tmp_path / "out").stdout
     (shard,) = (tmp_path / "out" / "shards").iterdir()
     content = bytearray(shard.read_bytes())
     content[5000] ^= 1
