@@ -486,7 +486,7 @@ TOKENS_MAX = {
     "camera": 24845,
     "cli": 21496,
     "core": 24509,
-    "dataset": 43550,
+    "dataset": 43354,
     "examples": 8792,
     "files": 19161,
     "gradient": 4264,
@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13941,
     "stages": 32899,
     "study": 9256,
-    "tests": 360216,
+    "tests": 359601,
     "theory": 14686,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

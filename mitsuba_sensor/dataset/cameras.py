@@ -139,14 +139,14 @@ class Cameras:
 
     def _with_places(self, changes: Config, where: str, table: str = "") -> Facts:
         """Return changes in which names of files are paths below a root.  table : prefix of the fields."""
-        found = dict(changes)
+        placed = dict(changes)
         for field, value in changes.items():
             name = f"{table}{field}"
             if isinstance(value, Mapping):
-                found[field] = self._with_places(value, where, f"{name}.")
+                placed[field] = self._with_places(value, where, f"{name}.")
             elif name in FILE_FIELDS and isinstance(value, str) and value not in list_lenses():
-                found[field] = str(self.folders.find(value, f"{name} of {where}"))
-        return found
+                placed[field] = str(self.folders.find(value, f"{name} of {where}"))
+        return placed
 
 
 def is_staggered(camera: Camera) -> bool:
@@ -156,12 +156,12 @@ def is_staggered(camera: Camera) -> bool:
 
 def _fields_in(tables: Config, table: str = "") -> Facts:
     """Return values by dotted field: `adc.bits = 12` without quotes is a table in a table."""
-    found, fields = dict[str, object](), fields_of(Camera)
+    values, fields = dict[str, object](), fields_of(Camera)
     for name, value in tables.items():
         dotted = f"{table}{name}"
         is_table = isinstance(value, Mapping) and all(f"{dotted}.{x}" in fields for x in value)
-        found |= _fields_in(value, f"{dotted}.") if is_table and value else {dotted: value}
-    return found
+        values |= _fields_in(value, f"{dotted}.") if is_table and value else {dotted: value}
+    return values
 
 
 def _of_light(camera: Camera, is_cube: bool) -> Facts:

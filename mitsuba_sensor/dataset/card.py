@@ -19,7 +19,7 @@ from ..files import durable
 from ..files.parquet import POSE
 from ..files.png import png, write_png
 from ..files.texts import write_page
-from ..output.contact_sheet import Captioned, SheetRow, contact_sheet
+from ..output.contact_sheet import SIDE, Captioned, SheetRow, contact_sheet
 from .file import DatasetFile
 from .keys import Config, Facts, canonical
 from .read import IMAGES, Sample
@@ -33,8 +33,8 @@ TEMPLATE = Path(__file__).with_name("card.md.j2")
 SAMPLES_READ_MAX = 200
 """Samples that are read for a card, however many there are."""
 SHEET_LINES_MAX, SHEET_PICTURES_MAX, SHEET_GROUPS_MIN, CAPTION_LINES_MAX = 2000, 64, 8, 3
-CELL_PX = 256
-"""Width of a picture of a contact sheet."""
+CAPTION_PX = (90, 40)
+"""Usual width and height of a caption of a contact sheet."""
 VISIBLE_RATIO = 0.1
 """Render variance over sensor variance above which a frame is more than 5 % too noisy."""
 ROW_NAMES = ("scene", "view", "time_s", "pose", "exposure_s", "exposure_ev")
@@ -201,12 +201,12 @@ def _noise_rows(facts: Iterable[Facts]) -> list[tuple[Any, ...]]:
 def _dark_and_full_e(config: Config) -> dict[str, tuple[float | None, float | None]]:
     """Return readout → σ_d and saturation [e-]; the whole frame has an empty name, combined frames have None."""
     camera = camera_from(config["camera"], "of the sample").at_gain(config["gain"])
-    found = {}
+    figures_e = {}
     for name, readout in {"": camera, **camera.readout_cameras}.items():
         figures = figures_if_any(readout)
         names = "temporal_dark_noise_e", "saturation_e"
-        found[name] = (getattr(figures, names[0], None), getattr(figures, names[1], None))
-    return found
+        figures_e[name] = (getattr(figures, names[0], None), getattr(figures, names[1], None))
+    return figures_e
 
 
 def _value_rows(facts: Iterable[Facts]) -> list[tuple[Any, ...]]:
@@ -228,11 +228,11 @@ def _value_rows(facts: Iterable[Facts]) -> list[tuple[Any, ...]]:
 def _render_noise(facts: Iterable[Facts], render: Config) -> str:
     """Return a sentence on the render noise of the views relative to the sensor's, and a remedy if it is visible."""
     ratios = {x["view"]["key"]: x["light"]["noise_ratio_median"] for x in facts}
-    known = [ratio for ratio in ratios.values() if ratio is not None]
-    if not known:
+    medians = [ratio for ratio in ratios.values() if ratio is not None]
+    if not medians:
         return ""
-    median = float(np.median(known))
-    views = " of one view" if len(known) == 1 else f", and over {len(known)} views"
+    median = float(np.median(medians))
+    views = " of one view" if len(medians) == 1 else f", and over {len(medians)} views"
     note = (
         f"Render noise is {median:.3g} × the sensor's temporal noise (variance; median over the pixels{views}) in the "
         "exposure that a view is rendered for; `clean` holds the same render noise as `raw`."
@@ -285,7 +285,8 @@ def sheet_rows(store: Store, lines: Sequence[Row]) -> list[SheetRow]:
             label = [str(scene)] + ([] if view is None else [f"view {view}"])
             labelled.append((label, pictures))
     sizes = [len(pictures) for _, pictures in labelled]
-    aspect = CELL_PX / (CELL_PX * shape[0] / shape[1] + 40)
+    shrink = max(-(-max(shape) // SIDE), 1)
+    aspect = max(shape[1] / shrink, CAPTION_PX[0]) / (shape[0] / shrink + CAPTION_PX[1])
     if sum(sizes) and max(sizes) < columns_of([sum(sizes)], aspect):
         pictures = [
             x._replace(caption=[", ".join(label), *x.caption])
@@ -298,18 +299,25 @@ def sheet_rows(store: Store, lines: Sequence[Row]) -> list[SheetRow]:
     for label, pictures in labelled:
         for first in range(0, len(pictures), columns):
             last = min(first + columns, len(pictures))
-            place = [f"{first + 1} to {last}"] if len(pictures) > columns else []
-            rows.append(SheetRow([*label, *place], pictures[first:last]))
+            place = f"{first + 1} to {last}" if last > first + 1 else f"{last}"
+            shown = [*label, place] if len(pictures) > columns else label
+            rows.append(SheetRow(shown, pictures[first:last]))
     return rows
 
 
 def columns_of(sizes: Sequence[int], aspect: float) -> int:
-    """Return the columns of the page nearest to a square.  sizes : of its groups.  aspect : of a cell, width/height."""
+    """Return the columns of the page nearest to a square, with rows of equal length in the longest group.
+
+    sizes : pictures of each group.  aspect : width over height of a cell.
+    """
 
     def elongation(columns: int) -> float:
         return abs(math.log(columns * aspect / sum(-(-size // columns) for size in sizes)))
 
-    return min(range(1, max(sizes, default=1) + 1), key=elongation) if sizes else 1
+    longest = max(sizes, default=0)
+    return min(
+        (-(-longest // rows) for rows in range(1, longest + 1)), key=elongation, default=1
+    )
 
 
 def _varied(values: Sequence[Config]) -> list[str]:
@@ -340,8 +348,10 @@ def time_text(seconds: float) -> str:
 
 def _range(values: Iterable[float | None]) -> str:
     """Return one value, or the smallest and the largest."""
-    known = [value for value in values if value is not None]
-    cells = [_cell(value) for value in (min(known), max(known))] if known else [_cell(None)]
+    numbers = [value for value in values if value is not None]
+    cells = (
+        [_cell(value) for value in (min(numbers), max(numbers))] if numbers else [_cell(None)]
+    )
     return " to ".join(dict.fromkeys(cells))
 
 

@@ -336,6 +336,4 @@ def _in_worker(versions: Config, job: Job, task: Task) -> Ended:
 
 def usual_workers() -> int:
     """Return the usual number of processes: a render uses all cores; while one process writes, another renders."""
-    has_affinity = hasattr(os, "sched_getaffinity")
-    cores = len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1
-    return min(cores, 2)
+    return min(os.cpu_count() or 1, 2)

@@ -260,7 +260,7 @@ class DatasetPlan:
                     pixels = key_of_text(f'{before}"serial":{chip}{after}')
                     yield PlannedSample(
                         next(numbers),
-                        key_of_text(self._before_pixels + pixels + '"}'),
+                        self._key("sample", self._outputs, pixels),
                         pixels,
                         {**config, "serial": chip, "outputs": self._outputs},
                         {**shown, "serial": serial, **of_pose},
@@ -278,19 +278,9 @@ class DatasetPlan:
         """Outputs that the samples of a light share."""
         return tuple(name for name in VIEW_OUTPUTS if name in self.file.outputs)
 
-    @cached_property
-    def _before_pixels(self) -> str:
-        """The text whose hash is the key of a sample, up to the key of its pixels."""
-        return self._text_before("sample", self._outputs)
-
-    @cached_property
-    def _before_view(self) -> str:
-        """The text whose hash is the key of a light and its shared outputs, up to the key of the light."""
-        return self._text_before("view", self._view_outputs)
-
-    def _text_before(self, name: str, outputs: Sequence[str]) -> str:
-        text = canonical({"made_by": self.made_by, "outputs": outputs, name: ""})
-        return text.removesuffix('"}')
+    def _key(self, name: str, outputs: Sequence[str], key: str) -> str:
+        """Return the key of a sample or view with its outputs.  key : of what decides it."""
+        return key_of({"made_by": self.made_by, "outputs": outputs, name: key})
 
     def _task(
         self,
@@ -304,7 +294,7 @@ class DatasetPlan:
         camera = self.cameras.of(lead)
         asked = {"gain": camera.gain, "exposure": exposure_asked(lead.values)}
         ordered = tuple(sorted(samples, key=lambda sample: sample.key))
-        view_key = key_of_text(self._before_view + light_key + '"}')
+        view_key = self._key("view", self._view_outputs, light_key)
         rows = [[sample.key, sample.split, sample.values] for sample in ordered]
         return Task(
             key_of_text(json.dumps([view_key, camera.key, asked, rows], sort_keys=True)),

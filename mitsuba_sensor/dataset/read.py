@@ -130,15 +130,13 @@ class Sample:
     def content(self, name: str, output: str = "") -> bytes:
         """Return the bytes of a file of the sample or of its light. Raises InputError for a missing file.
 
-        output : that needs the file, for the message.
+        output : of the dataset that writes the file, if there is any.
         """
         for files in (self.files, self.view_files):
             if name in files:
                 return files[name]
-        raise InputError(
-            f"there is no {self.place(name)}; add what {output or name} needs to the outputs of the dataset, and make "
-            "it again."
-        )
+        remedy = f"add {output!r} to the outputs of the dataset, and make it again"
+        raise InputError(f"there is no {self.place(name)}; {remedy if output else RUN_AGAIN}.")
 
     def opened(self, name: str) -> AbstractContextManager[Path]:
         """Return the path of a copy of a file, for ``with``. Raises InputError."""
@@ -156,7 +154,7 @@ class Sample:
     @cached_property
     def view(self) -> Facts:
         """view.json: origin of the files of the light. Raises InputError for a missing file."""
-        return self._json("view.json")
+        return self._json("view.json", "aovs")
 
     @cached_property
     def noise_budget(self) -> Facts:
@@ -188,7 +186,7 @@ class Sample:
         """
         name = SHORT_NAMES.get(name, name)
         if name in AOVS:
-            return np.asarray(getattr(self.aovs(name), name))
+            return np.asarray(getattr(self.aovs(), name))
         if name == "preview":
             return self._preview()
         if name not in IMAGES:
@@ -196,21 +194,20 @@ class Sample:
             raise InputError(
                 f"a sample has no {name!r}; it can have {', '.join(names)}.{nearest(name, names)}"
             )
-        content = io.BytesIO(self.content(IMAGES[name], name))
+        content = io.BytesIO(self.content(IMAGES[name], name.removesuffix("_error")))
         frames = read_raw_tiff(content, self.place(IMAGES[name])).frames
         return frames if name in PAGED else frames[0]
 
-    def aovs(self, name: str = "aovs") -> Aovs:
-        """Return all AOVs of its view. Raises InputError for a missing file.  name : of the needed AOV."""
+    def aovs(self) -> Aovs:
+        """Return all AOVs of its view. Raises InputError for a missing file."""
         place = f"{self.store.shards / self.line.shard}: {AOVS_FILE}"
-        return _aovs(self.content(AOVS_FILE, name), place)
+        return _aovs(self.content(AOVS_FILE, "aovs"), place)
 
     def _preview(self) -> NDArray[np.uint8]:
         """Return the preview, as bright as without a negative ``exposure_ev``; without a file white is daylight, as no
         stored file has the light of the scene."""
         if PICTURE in self.files:
             return read_png(io.BytesIO(self.files[PICTURE]), self.place(PICTURE))
-        self.content(IMAGES["raw"], "preview")
         gain = preview_gain(self.facts["config"]["exposure"]["ev"])
         origin = tuple(self.facts["image"]["origin"])
         return preview(self.read("raw")[0], self.camera, gain, origin)
@@ -222,16 +219,16 @@ class Sample:
 @lru_cache(CONTENTS_KEPT)
 def _facts(content: bytes, place: str) -> Facts:
     """Return the checked content of a sample.json."""
-    found = json_object(content, place, RUN_AGAIN)
+    sample_facts = json_object(content, place, RUN_AGAIN)
     try:
-        SampleFacts.model_validate(found)
+        SampleFacts.model_validate(sample_facts)
     except ValidationError as error:
         fault = error.errors()[0]
         where = ".".join(map(str, fault["loc"]))
         raise InputError(
             f"{place} is not as a run writes it: {where}: {fault['msg']}; {RUN_AGAIN}."
         ) from None
-    return found
+    return sample_facts
 
 
 @lru_cache(1)
@@ -274,7 +271,7 @@ class Dataset(Sequence[Sample]):
 
     def __getitem__(self, number: int | slice) -> Sample | list[Sample]:
         if isinstance(number, slice):
-            return [Sample(self.store, line) for line in self.table[number]]
+            return [self[place] for place in range(len(self))[number]]
         return Sample(self.store, self.table[number])
 
     def __iter__(self) -> Iterator[Sample]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -28,14 +27,10 @@ from .keys import Facts
 from .options import RunOptions
 from .plan import DatasetPlan, Place, Task, load_plan
 from .store import EARLIER, Store
-from .table import Table, open_table
+from .table import Table
 
 FAILED = "failed.jsonl"
 FAILED_BYTES_MAX = 2**26
-TABLE_EVERY_S = 300.0
-"""Time between tables that are written during a run."""
-TABLE_TIMES = 20
-"""This time is at least this multiple of the time that a table takes."""
 NEW_FOLDER = "give a new folder"
 
 
@@ -166,7 +161,6 @@ class _Run:
         self._incomplete = array(
             "Q"
         )  # places of lights with a missing task, one after the other
-        self._table_s, self._table_took_s = time.monotonic(), 0.0
         remark_if_stopped(self._said_when_stopped)
 
     def make(self) -> RunProgress:
@@ -191,7 +185,6 @@ class _Run:
         for outcome in outcomes(self._missing(failures), job, self.chosen):
             self._note(outcome)
             self.show(progress)
-            self._table_in_between()
         self._rewrite_failures()
         self._finish(counts.samples)
         return progress
@@ -269,15 +262,6 @@ class _Run:
         self.progress.failed.append(failure)
         durable.append_lasting(self.store.folder / FAILED, failure.line())
 
-    def _table_in_between(self) -> None:
-        """Write the table now and then, for people who look at unfinished datasets."""
-        began = time.monotonic()
-        if began - self._table_s > max(TABLE_EVERY_S, TABLE_TIMES * self._table_took_s):
-            with suppress(InputError):  # a damaged shard, which is reported at the end
-                open_table(self.store)
-            self._table_s = time.monotonic()
-            self._table_took_s = self._table_s - began
-
     def _rewrite_failures(self) -> None:
         """Leave only failures of missing tasks in FAILED, each once."""
         path = self.store.folder / FAILED
@@ -303,10 +287,10 @@ class _Run:
 
     def _said_when_stopped(self) -> str:
         """Return how many samples are on disk, including samples that this process has not heard of yet."""
-        known, count = dict(self.samples_of), 0
+        samples_of, count = dict(self.samples_of), 0
         for key, shard in self.store.finished().items():
             with suppress(InputError):  # a damaged shard has no samples
-                count += known.get(key) or len(self.store.rows(shard))
+                count += samples_of.get(key) or len(self.store.rows(shard))
         return f"{count} samples are complete; the same command continues from there"
 
 
@@ -333,9 +317,9 @@ def check_same(plan: DatasetPlan, store: Store) -> None:
 
 def read_failures(store: Store) -> dict[str, Failure]:
     """Return task → the latest reason why it could not be made, without invalid lines."""
-    found = dict[str, Failure]()
+    failures = dict[str, Failure]()
     for line in durable.read_small(store.folder / FAILED, FAILED_BYTES_MAX).splitlines():
         with suppress(ValidationError):
             failure = Failure.model_validate_json(line)
-            found[failure.task] = failure
-    return found
+            failures[failure.task] = failure
+    return failures

@@ -368,11 +368,11 @@ def _array_of(image: Image) -> NumpyArray:
     return array
 
 
-def _like(given: Image, found: NumpyArray) -> Image:
+def _like(given: Image, values: NumpyArray) -> Image:
     """Return a tensor of floats for a tensor (its integers may be too short), else the array."""
     if hasattr(given, "new_tensor"):
-        return given.new_empty(0).float().new_tensor(found.astype(np.float32))
-    return found
+        return given.new_empty(0).float().new_tensor(values.astype(np.float32))
+    return values
 
 
 def _wavelength_nm(camera: Camera) -> float:

@@ -135,8 +135,8 @@ class Store:
 
     def finished(self) -> dict[str, Shard]:
         """Return task → its shard, from the names of files."""
-        found = map(_SHARD.fullmatch, durable.names_of(self.shards))
-        return {name[1]: Shard(name[1], name[2]) for name in found if name}
+        matches = map(_SHARD.fullmatch, durable.names_of(self.shards))
+        return {name[1]: Shard(name[1], name[2]) for name in matches if name}
 
     def commit(
         self,
@@ -189,7 +189,7 @@ class Store:
         ``members(row.shard, row.offset, row.bytes)["frame.tiff"]`` belongs to a sample;
         names of shared files have dots again, e.g. ``aovs.exr``.
         """
-        found = {}
+        contents = {}
         with self.opened(shard) as file:
             if not 0 <= offset <= offset + size <= os.fstat(file.fileno()).st_size:
                 raise self.changed(shard)
@@ -199,10 +199,10 @@ class Store:
             body = content[member.offset : member.offset + member.size]
             if len(body) < member.size:
                 break
-            found[short_name(member.name)] = body
-        if not found:
+            contents[short_name(member.name)] = body
+        if not contents:
             raise self.changed(shard)
-        return found
+        return contents
 
     def opened(self, shard: str) -> BinaryIO:
         """Open a shard. Raises InputError if it is missing."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from copy import copy
 from functools import cached_property
-from typing import Literal, NamedTuple, overload
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,29 +58,18 @@ class Table(Sequence[Row]):
     def __len__(self) -> int:
         return self._rows.rows if self._chosen is None else len(self._chosen)
 
-    @overload
-    def __getitem__(self, number: int) -> Row: ...
-
-    @overload
-    def __getitem__(self, number: slice) -> list[Row]: ...
-
-    def __getitem__(self, number: int | slice) -> Row | list[Row]:
-        places = range(len(self))
-        if isinstance(number, slice):
-            return [*map(self._row, places[number])]
-        return self._row(places[operator.index(number)])
+    def __getitem__(self, number: int) -> Row:  # type: ignore[override]
+        place = range(len(self))[operator.index(number)]
+        row = place if self._chosen is None else int(self._chosen[place])
+        with self._as_written():
+            return _row_of(self._rows.row(row))
 
     def __iter__(self) -> Iterator[Row]:
         if self._chosen is not None:
-            yield from map(self._row, range(len(self)))
+            yield from map(self.__getitem__, range(len(self)))
         else:
             with self._as_written():
                 yield from map(_row_of, self._rows.all_rows())
-
-    def _row(self, place: int) -> Row:
-        number = place if self._chosen is None else int(self._chosen[place])
-        with self._as_written():
-            return _row_of(self._rows.row(number))
 
     @contextmanager
     def _as_written(self) -> Iterator[None]:
@@ -116,11 +105,11 @@ class Table(Sequence[Row]):
         for values, numbers in self._coded(name):
             here |= np.array([*(_is_equal(x, value) for x in values), False])[numbers]
         if not here.any():
-            known = [text or "none" for text in self.counts(name)]
-            more = [f"… ({len(known)} values)"] if len(known) > VALUES_SHOWN_MAX else []
-            shown = ", ".join(known[:VALUES_SHOWN_MAX] + more)
+            present = [text or "none" for text in self.counts(name)]
+            more = [f"… ({len(present)} values)"] if len(present) > VALUES_SHOWN_MAX else []
+            shown = ", ".join(present[:VALUES_SHOWN_MAX] + more)
             raise InputError(
-                f"{name} is {value!r}; the samples have {shown}.{nearest(str(value), known)}"
+                f"{name} is {value!r}; the samples have {shown}.{nearest(str(value), present)}"
             )
         chosen, places = copy(self), np.flatnonzero(here)
         chosen._chosen = (
@@ -219,12 +208,14 @@ def kinds_of(file: DatasetFile) -> dict[str, Kind]:
     kinds: dict[str, Kind] = {**PLACES, **EXPOSED, "scene": "text", "camera": "text"}
     for name in (*file.varied, "serial"):
         values = possible_values(file, name)
-        found = dict.fromkeys(_kind_of(name, value) for value in values) or {"seed": None}
+        value_kinds = dict.fromkeys(_kind_of(name, value) for value in values) or {"seed": None}
         is_plain = not name.endswith(")")
-        for kind in found:
-            alone = is_plain and (len(found) == 1 or kind in ("integer", "number", "seed"))
+        for kind in value_kinds:
+            alone = is_plain and (
+                len(value_kinds) == 1 or kind in ("integer", "number", "seed")
+            )
             kinds[name if alone else f"{name} ({kind})"] = kind
-        if is_plain and {"integer", "number"} <= {*found}:
+        if is_plain and {"integer", "number"} <= {*value_kinds}:
             kinds[name] = "number"
     if any(scene.views or scene.path for scene in file.scenes):
         kinds |= {"view": "integer", "pose": "pose"}
@@ -280,9 +271,9 @@ def verify(
     content = durable.read_small(store.folder / RECORD, 2**26)
     if record_of(content) is None:
         faults.append(Fault(RECORD, "changed" if content else "missing"))
-    known = {shard.name for shard in shards.values()}
+    names = {shard.name for shard in shards.values()}
     for name in durable.names_of(store.shards):
-        if name not in known and not name.startswith(durable.SCRATCH):
+        if name not in names and not name.startswith(durable.SCRATCH):
             faults.append(Fault(f"{SHARDS}/{name}", "no shard"))
     for number, shard in enumerate(shards.values()):
         now(number, len(shards))
@@ -299,10 +290,10 @@ def _faults_of_table(store: Store) -> list[Fault]:
     if not path.is_file():
         return [Fault(INDEX, "missing")]
     try:
-        found, wanted = ParquetRows(path), ParquetRows(_table_bytes(store))
-        pairs = zip(found.all_rows(), wanted.all_rows(), strict=True)
-        is_same = found.types == wanted.types and all(row == other for row, other in pairs)
-        if found.about != wanted.about or is_same:
+        table, wanted = ParquetRows(path), ParquetRows(_table_bytes(store))
+        pairs = zip(table.all_rows(), wanted.all_rows(), strict=True)
+        is_same = table.types == wanted.types and all(row == other for row, other in pairs)
+        if table.about != wanted.about or is_same:
             return []
     except (ValueError, OSError):
         pass

@@ -30,7 +30,7 @@ def write(job: Job) -> str:
     task, instances = "", list[dict[str, Any]]()
     for sample in job.samples:
         if sample.task != task:  # the samples of a task follow one another
-            aovs = sample.aovs("shape_index")
+            aovs = sample.aovs()
             instances = [*_instances(aovs.shape_index, aovs.shapes, categories)]
             task = sample.task
         about = {"info": {"description": job.title, "version": "1.0"}, "licenses": [licence]}

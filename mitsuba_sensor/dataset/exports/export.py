@@ -95,13 +95,13 @@ class Job:
         Raises InputError for none."""
         if self.options["arrays"]:
             return [*dict.fromkeys(self.options["arrays"])]
-        found = [name for name in usual if sample.has(IMAGES[name])]
-        if not found:
+        names = [name for name in usual if sample.has(IMAGES[name])]
+        if not names:
             raise InputError(
                 f"the samples have no {', '.join(usual)}; add one to the outputs of the dataset and make it again, or "
                 "name the arrays to write, e.g. `--array depth`."
             )
-        return found
+        return names
 
     def picture(self, sample: Sample, stem: str) -> str:
         """Write the requested picture of a sample, and return its name without folders. Raises InputError if it is

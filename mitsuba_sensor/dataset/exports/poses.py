@@ -149,15 +149,15 @@ def sequences(job: Job) -> list[ImageSequence]:
     """Return all sequences of a dataset. Cameras with other views, and cameras that move relative to each other, have
     separate sequences. Leaves out samples without a calibration, with a remark. Raises InputError if no sample
     remains."""
-    found = list[ImageSequence]()
+    all_sequences = list[ImageSequence]()
     for world, posed in worlds(job).items():
         for cameras in _same_settings(posed):
             first, *others = (sorted(frames) for frames in cameras.values())
             rigs = [cameras]
             if any(views != first for views in others) or not _is_rigid(cameras):
                 rigs = [{name: frames} for name, frames in cameras.items()]
-            found += [_sequence(job, world, rig) for rig in rigs]
-    return found
+            all_sequences += [_sequence(job, world, rig) for rig in rigs]
+    return all_sequences
 
 
 def _same_settings(samples: Sequence[Posed]) -> list[dict[str, dict[int, Posed]]]:
