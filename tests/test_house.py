@@ -486,7 +486,7 @@ TOKENS_MAX = {
     "camera": 24845,
     "cli": 21464,
     "core": 24509,
-    "dataset": 43283,
+    "dataset": 43354,
     "examples": 8792,
     "files": 18674,
     "gradient": 4264,

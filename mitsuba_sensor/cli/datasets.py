@@ -31,26 +31,26 @@ if TYPE_CHECKING:
     from ..dataset.table import Fault
 
 READ_FIRST = {
-    "contact_sheet.png": "some of the frames, to look at",
+    "contact_sheet.png": "some of the frames",
     "README.md": "what is in the folder, and how to read it",
     "samples.csv": "a line for each sample",
 }
 """Files of a dataset for people."""
 
-MOST_SHOWN = 50
+FAULTS_SHOWN_MAX = 50
 """Faults in the table of `dataset verify`."""
 WRITE_ONE = "--picture FILE.png writes one"
 NOT_DENOISED = (
-    "Renders are not denoised unless `[render]` has `denoise = true`: what a denoiser leaves is alike in neighbouring "
-    "pixels, which training could learn."
+    "Renders are not denoised unless `[render]` has `denoise = true`: a denoiser leaves errors that are correlated "
+    "between neighbouring pixels, so training could learn them."
 )
 
 dataset = typer.Typer(
     cls=Group,
     no_args_is_help=True,
     help="Raw frames by the thousand, each with its clean frame, depth and normals, from one TOML file.\n\n"
-    "A run that was stopped, killed or out of disk goes on when the same command is given again. Exit code 1: some "
-    "samples could not be made, or are not as they were written; 3: the disk is full.",
+    "To continue a run after a stop, a crash or a full disk, repeat the command. Exit code 1: some samples could not "
+    "be made, or have changed since they were written; 3: the disk is full.",
 )
 app.add_typer(dataset, name="dataset")
 
@@ -62,7 +62,7 @@ CountOnly = Annotated[
     bool,
     typer.Option(
         "--count-only",
-        help="Count and check only; nothing is rendered.",
+        help="Only count and check, without a render.",
         rich_help_panel=arguments.OUTPUT,
     ),
 ]
@@ -84,7 +84,7 @@ PictureFile = Annotated[
     typer.Option(
         "--picture",
         metavar="FILE.png",
-        help="Write its picture there, developed from the raw frame where the dataset stores none.",
+        help="Write its preview here; it is developed from the raw frame if the dataset stores no preview.",
         rich_help_panel=arguments.OUTPUT,
         autocompletion=shell_files,
     ),
@@ -93,7 +93,7 @@ RemovesDamage = Annotated[
     bool,
     typer.Option(
         "--remove",
-        help="Remove what is not as it was written; `dataset run` makes it again.",
+        help="Remove changed files; `dataset run` recreates them.",
         rich_help_panel=arguments.OUTPUT,
     ),
 ]
@@ -121,20 +121,27 @@ def run_command(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Make everything of a dataset that DIR does not have yet.
+    """Make every sample of a dataset that DIR lacks.
 
-    A light and all its samples appear whole or not at all, whatever happens; the same command goes on after a stop.
-    What cannot be made is a line in DIR/failed.jsonl, and the rest is made. README.md in DIR says what is there and how
-    to read it, contact_sheet.png shows some of the frames.
+    A light and all its samples appear whole or not at all; after a stop, the same command continues. A light that
+    cannot be made is a line in DIR/failed.jsonl, and the rest is made. README.md in DIR says what is there and how to
+    read it; contact_sheet.png shows some of the frames.
     """
     from ..dataset.plan import load_plan
     from ..dataset.run import run
 
     plan = load_plan(file, flags.pop("roots") or ["."], flags.pop("untrusted"))
     with samples_bar(err) as progress:
-        found = run(plan, out_dir, progress=progress, **flags)
-    show(_summary(found) if as_json else run_sheet(plan, found, out_dir), as_json)
-    if found.failed:
+        done = run(plan, out_dir, progress=progress, **flags)
+    facts = {
+        "made": done.made,
+        "there": done.there,
+        "failed": [failure.model_dump() for failure in done.failed],
+        "render_noise": done.render_noise,
+        "remarks": done.remarks,
+    }
+    show(facts if as_json else run_sheet(plan, done, out_dir), as_json)
+    if done.failed:
         raise typer.Exit(1)
 
 
@@ -150,10 +157,10 @@ def plan_command(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Say how many renders and samples a dataset has, and what disk and time it will take. Writes nothing.
+    """Count the renders and samples of a dataset, and estimate disk space and time. Writes nothing.
 
-    Values, cameras and files of every sample are checked; one short render on this machine tells the time, the bytes
-    and the render noise.
+    Checks values, cameras and files of every sample. A short render for each camera on this machine estimates time,
+    bytes and render noise.
     """
     from ..dataset.checks import check_scenes, checked_counts
     from ..dataset.forecast import forecast
@@ -164,10 +171,10 @@ def plan_command(
         now(0, 1, "counting")
         counts = checked_counts(plan)
         check_scenes(plan)
-        now(0, 1, "a short render")
-        found = None if count_only else forecast(plan, counts)
-    facts = asdict(counts) | ({"forecast": asdict(found)} if found else {})
-    show(facts if as_json else plan_sheet(plan, counts, found), as_json)
+        now(0, 1, "short renders")
+        estimate = None if count_only else forecast(plan, counts)
+    facts = asdict(counts) | ({"forecast": asdict(estimate)} if estimate else {})
+    show(facts if as_json else plan_sheet(plan, counts, estimate), as_json)
 
 
 @dataset.command(
@@ -181,7 +188,7 @@ def show_command(
     picture: PictureFile = None,
     as_json: arguments.Json = False,
 ) -> None:
-    """Say what one sample is: its settings, signal and noise, its files, and where its picture is."""
+    """Show the settings, signal, noise and files of one sample."""
     from ..dataset.read import Dataset
     from ..files.png import write_png
     from .sample_sheet import sample_facts, sample_sheet
@@ -197,31 +204,31 @@ def show_command(
 
 @dataset.command("status", cls=Command, epilog="Example: mitsuba-sensor dataset status pairs/")
 def status_command(folder: DatasetFolder, as_json: arguments.Json = False) -> None:
-    """Say how much of a dataset is there, and what could not be made. Reads no pictures."""
+    """Show how many samples a dataset has, and what could not be made. Reads no images."""
     from ..dataset.file import read_dataset_text
     from ..dataset.run import read_failures
     from ..dataset.store import Store
     from ..dataset.table import Table
 
     store = Store(folder)
-    record, table = store.require_record(), Table(store)
-    failures, name = read_failures(store), read_dataset_text(record.text).name
+    record, there = store.require_record(), len(Table(store))
+    failures, name = [*read_failures(store).values()], read_dataset_text(record.text).name
     facts = {
         "name": name,
-        "there": len(table),
+        "there": there,
         "samples": record.samples,
         "bytes": store.size(),
-        "failed": [failure.model_dump() for failure in failures.values()],
+        "failed": [failure.model_dump() for failure in failures],
     }
-    head = f"{name}: {len(table)} of {record.samples} samples, {store.size() / 1e6:.3g} MB"
-    show(facts if as_json else _with_failed(head, [*failures.values()]), as_json)
+    head = f"{name}: {there} of {record.samples} samples, {facts['bytes'] / 1e6:.3g} MB"
+    show(facts if as_json else _with_failed(head, failures), as_json)
 
 
 @dataset.command("verify", cls=Command, epilog="Example: mitsuba-sensor dataset verify pairs/")
 def verify_command(
     folder: DatasetFolder, removes: RemovesDamage = False, as_json: arguments.Json = False
 ) -> None:
-    """Read every file of a dataset, and say what is not as it was written. Exit code 1 if anything is not."""
+    """Read every file of a dataset, and list changed files. Exit code 1 if there are any."""
     from ..dataset.store import Store
     from ..dataset.table import remove_faults, verify
 
@@ -252,7 +259,7 @@ def export_command(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Write a dataset as the files of another program, with a card: README.md with counts, noise and licence.
+    """Write a dataset as files for another program, with a card: README.md with counts, noise and licence.
 
     The folder appears whole or not at all; files.json in it has the size and SHA-256 of each file.
     """
@@ -269,7 +276,7 @@ def unpack_command(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Write the files of each sample into a folder of its own: frames, pictures and JSON, as `export files` does."""
+    """Write the files of each sample into a separate folder: frames, pictures and JSON, as `export files` does."""
     _export("files", folder, out_dir, as_json, flags)
 
 
@@ -286,29 +293,29 @@ def _export(
             progress=lambda done, total: now(done, total, "samples"),
             **flags,
         )
-    found = {**exported._asdict(), "format": format, "folder": out_dir}
-    head = f"{Path(out_dir)}: {exported.samples} samples as {format}; README.md there says how to read them"
-    show(found if as_json else "\n".join([head, *exported.remarks]), as_json)
+    facts = {**exported._asdict(), "format": format, "folder": out_dir}
+    head = f"{Path(out_dir)}: {exported.samples} samples as {format}; README.md there explains how to read them"
+    show(facts if as_json else "\n".join([head, *exported.remarks]), as_json)
 
 
-def run_sheet(plan: DatasetPlan, found: RunProgress, folder: str) -> RenderableType:
-    """What a run made, and what it could not."""
+def run_sheet(plan: DatasetPlan, done: RunProgress, folder: str) -> RenderableType:
+    """Return what a run made, and what it could not make."""
     head = Text.assemble(
         (plan.file.name, "bold"),
-        f": {found.made} samples made, {found.there} were there already → ",
+        f": {done.made} samples made, {done.there} were there already → ",
         folder,
     )
     for name, what in READ_FIRST.items():
         if (Path(folder) / name).is_file():
             head.append(f"\n{Path(folder) / name}: {what}")
-    for sentence in (found.render_noise, *found.remarks):
+    for sentence in (done.render_noise, *done.remarks):
         head.append(f"\n{sentence}" if sentence else "")
-    return _with_failed(head, found.failed)
+    return _with_failed(head, done.failed)
 
 
-def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> RenderableType:
-    """A line for each scene, and the sums."""
-    from ..dataset.card import LESS_RENDER_NOISE, VISIBLE_RATIO
+def plan_sheet(plan: DatasetPlan, counts: Counts, estimate: Forecast | None) -> RenderableType:
+    """Return a line for each scene, and the sums."""
+    from ..dataset.card import VISIBLE_RATIO, less_render_noise
 
     table = ResultTable(("scene", "renders", "samples"))
     for scene, (renders, samples) in counts.by_scene.items():
@@ -316,58 +323,52 @@ def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> Ren
     renders = sum(several for several, _ in counts.by_scene.values())
     splits = ", ".join(f"{name} {n}" for name, n in counts.by_split.items() if name)
     head = (
-        f"{plan.file.name}: {counts.samples} samples of {renders} render{'s' * (renders != 1)}"
+        f"{plan.file.name}: {_counted(counts.samples, 'sample')} of {_counted(renders, 'render')}"
         f"{f' ({splits})' if splits else ''}"
     )
-    below = []
-    if found is not None:
-        below = [
-            f"about {duration(found.seconds)} and {found.bytes / 1e6:.3g} MB on this machine, if all scenes are like "
-            f"{found.scene}: {rough(found.render_s)} s a render, {rough(found.sample_s)} s and "
-            f"{rough(found.sample_bytes / 1e6)} MB a sample",
-            f"render noise {rough(found.noise_ratio)}: the variance of the render over that of the sensor, in the "
-            f"median pixel; above {VISIBLE_RATIO} it is seen in the frames",
+    below = counts.notes()
+    if estimate is not None:
+        worst = max(estimate.noise_ratios, key=estimate.noise_ratios.__getitem__)
+        of_camera = f" for camera {worst}" if len(estimate.noise_ratios) > 1 else ""
+        below += [
+            f"about {duration(estimate.seconds)} and {estimate.bytes / 1e6:.3g} MB on this machine, if all scenes are "
+            f"like {estimate.scene}: {rough(estimate.render_s)} s a render, {rough(estimate.sample_s)} s and "
+            f"{rough(estimate.sample_bytes / 1e6)} MB a sample",
+            f"render noise {rough(estimate.noise_ratio)}{of_camera}: the variance of the render over the temporal "
+            f"variance of the sensor, in the median pixel; above {VISIBLE_RATIO} it is visible in the frames",
         ]
-        if found.noise_ratio > VISIBLE_RATIO:
-            below.append(LESS_RENDER_NOISE)
+        if estimate.noise_ratio > VISIBLE_RATIO:
+            below.append(f"{less_render_noise(plan.file.render)}.")
     if not plan.file.render.get("denoise"):
         below.append(NOT_DENOISED)
     return Lines(Text(head, style="bold"), table, *map(Text, below))
 
 
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
 def fault_sheet(folder: str, faults: Sequence[Fault], removed: bool) -> RenderableType:
-    """What is not as it was written, file by file, and what to do."""
+    """Return the changed files, and the remedy."""
     damaged = [fault for fault in faults if fault.is_damage]
     if not faults:
-        return f"{folder}: every file is as it was written"
+        return f"{folder}: every file is unchanged"
     table = ResultTable(("file", "what is wrong"))
-    for fault in faults[:MOST_SHOWN]:
+    for fault in faults[:FAULTS_SHOWN_MAX]:
         table.add_row(fault.file, fault.what)
-    more = f" (the first {MOST_SHOWN} are shown)" if len(faults) > MOST_SHOWN else ""
-    head = f"{folder}: {len(damaged)} files are not as they were written{more}"
-    below = "`mitsuba-sensor dataset run` with the dataset file makes again what is missing."
+    more = f" (the first {FAULTS_SHOWN_MAX} are shown)" * (len(faults) > FAULTS_SHOWN_MAX)
+    head = f"{folder}: {_counted(len(damaged), 'damaged file')}{more}"
+    below = "`mitsuba-sensor dataset run` with the dataset file recreates missing files."
     if damaged and not removed:
-        below = (
-            f"`mitsuba-sensor dataset verify {folder} --remove` removes them, and then {below}"
-        )
+        below = f"`mitsuba-sensor dataset verify {folder} --remove` removes damaged files; then {below}"
     return Lines(Text(head, style="bold"), table, Text(below if damaged else ""))
 
 
 def _with_failed(head: str | Text, failed: Sequence[Failure]) -> RenderableType:
-    """A first line, and what could not be made."""
+    """Return a first line, and what could not be made."""
     if not failed:
         return Lines(head)
     table = ResultTable(("scene", "samples", "why they could not be made"))
     for failure in failed:
         table.add_row(failure.scene, str(failure.samples), Text(failure.why))
     return Lines(head, table, Text("--retry tries them again; failed.jsonl has their logs"))
-
-
-def _summary(found: RunProgress) -> dict[str, object]:
-    return {
-        "made": found.made,
-        "there": found.there,
-        "failed": [failure.model_dump() for failure in found.failed],
-        "render_noise": found.render_noise,
-        "remarks": found.remarks,
-    }

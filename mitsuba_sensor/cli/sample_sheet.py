@@ -1,4 +1,4 @@
-"""One sample of a dataset on the terminal: what `dataset show` prints."""
+"""One sample of a dataset on the terminal, for `dataset show`."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 
 def sample_facts(dataset: Dataset, place: int, sample: Sample) -> dict[str, Any]:
-    """What is said of a sample, ready for JSON. Raises InputError for a sample that is not as it was written.
+    """Return facts on a sample, ready for JSON. Raises InputError for a changed sample.
 
-    noise : of the camera, and, where the sample has its variance, of its median pixel.
+    noise : of the camera, and of the median pixel if the sample has its variance.
     """
     from ..camera.figures import figures_if_any
 
@@ -49,7 +49,7 @@ def sample_facts(dataset: Dataset, place: int, sample: Sample) -> dict[str, Any]
 
 
 def sample_sheet(facts: dict[str, Any], picture: str) -> RenderableType:
-    """A line for each thing that is known.  facts : of :func:`sample_facts`.  picture : where it is."""
+    """Return a line for each group of facts.  facts : of :func:`sample_facts`.  picture : its place."""
     split = f", split {facts['split']}" if facts["split"] else ""
     settings = [f"{name} {x}" for name, x in facts["settings"].items() if name != "pose"]
     files = [f"{name} ({size / 1e3:.3g} kB)" for name, size in facts["files"].items()]
@@ -78,7 +78,7 @@ def _image(image: dict[str, Any]) -> str:
 
 
 def _signal(facts: dict[str, Any]) -> str:
-    """The median pixel, and all but the darkest and the brightest hundredth."""
+    """Return the signal of the median pixel and the range of 98 % of the pixels."""
     _, low_e, median_e, high_e, _ = map(number, facts["electrons_quantiles_e"])
     _, low_dn, median_dn, high_dn, _ = map(number, facts["digital_quantiles_dn"])
     return (
@@ -96,5 +96,7 @@ def _noise(noise: dict[str, Any]) -> str:
         median = f"temporal noise {number(noise['temporal_noise_dn'])} DN in the median pixel"
         parts.append(f"{median}, SNR {number(noise['snr'])}")
     ratio = number(noise["render_noise_ratio"])
-    parts.append(f"render variance is {ratio} × the sensor's in the exposure of the view")
+    parts.append(
+        f"render variance is {ratio} × the sensor's temporal variance in the exposure of the view"
+    )
     return "; ".join(parts)
