@@ -484,7 +484,7 @@ TOKENS_MAX = {
     "bench": 23369,
     "benchmarks": 25376,
     "camera": 24845,
-    "cli": 21464,
+    "cli": 21490,
     "core": 24509,
     "dataset": 43354,
     "examples": 8792,
@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13941,
     "stages": 32899,
     "study": 9256,
-    "tests": 359104,
+    "tests": 359447,
     "theory": 14686,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
