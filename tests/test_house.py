@@ -481,10 +481,10 @@ LINES_OF_A_MODULE, PARAMETERS = 420, 8
 
 TOKENS_MAX = {
     ".": 8054,
-    "bench": 23369,
+    "bench": 23205,
     "benchmarks": 31961,
     "camera": 24845,
-    "cli": 21470,
+    "cli": 21078,
     "core": 24509,
     "dataset": 43283,
     "examples": 8792,
@@ -493,13 +493,13 @@ TOKENS_MAX = {
     "lab": 68144,
     "optics": 17471,
     "output": 25593,
-    "pages": 3350,
+    "pages": 3425,
     "render": 80021,
     "reproduction": 12087,
     "sensor": 13941,
     "stages": 32899,
-    "study": 9256,
-    "tests": 359258,
+    "study": 9186,
+    "tests": 357635,
     "theory": 14686,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
