@@ -16,12 +16,11 @@ from ..core.progress import duration
 from ..dataset.exports.formats import FORMATS, ExportOptions
 from ..dataset.options import RootOptions, RunOptions
 from . import arguments, options
-from .app import app, err, show
-from .completion import one_of, shell_files
-from .help import Command, Group
+from .app import Command, Group, app, err, show
+from .arguments import argument, one_of, output
+from .options import Flag
 from .progress import samples_bar, steps_bar
-from .tables import ResultTable, rough
-from .values import Flag
+from .tables import ResultTable, counted, rough
 
 if TYPE_CHECKING:
     from ..dataset.checks import Counts
@@ -31,78 +30,52 @@ if TYPE_CHECKING:
     from ..dataset.table import Fault
 
 READ_FIRST = {
-    "contact_sheet.png": "some of the frames",
-    "README.md": "what is in the folder, and how to read it",
-    "samples.csv": "a line for each sample",
+    "contact_sheet.png": "an overview of some frames",
+    "README.md": "the contents of the folder and how to read them",
+    "samples.csv": "one line for each sample",
 }
 """Files of a dataset for people."""
-
-FAULTS_SHOWN_MAX = 50
+FAULTS_MAX = 50
 """Faults in the table of `dataset verify`."""
-WRITE_ONE = "--picture FILE.png writes one"
 NOT_DENOISED = (
-    "Renders are not denoised unless `[render]` has `denoise = true`: a denoiser leaves errors that are correlated "
-    "between neighbouring pixels, so training could learn them."
+    "Renders are not denoised; `denoise = true` in `[render]` changes that, but denoising correlates neighbouring "
+    "pixels, which training could learn."
 )
 
 dataset = typer.Typer(
     cls=Group,
     no_args_is_help=True,
-    help="Raw frames by the thousand, each with its clean frame, depth and normals, from one TOML file.\n\n"
-    "To continue a run after a stop, a crash or a full disk, repeat the command. Exit code 1: some samples could not "
-    "be made, or have changed since they were written; 3: the disk is full.",
+    help="Make thousands of raw frames with clean frames, depth and normals from one TOML file.\n\n"
+    "To continue a run that was stopped or killed or filled the disk, repeat its command. Exit code 1: some samples "
+    "failed, or files changed; 3: the disk is full.",
 )
 app.add_typer(dataset, name="dataset")
 
-DatasetToml = Annotated[
-    str,
-    typer.Argument(metavar="FILE.toml", help="The dataset file.", autocompletion=shell_files),
-]
+DatasetToml = Annotated[str, argument("FILE.toml", "Dataset file.")]
 CountOnly = Annotated[
-    bool,
-    typer.Option(
-        "--count-only",
-        help="Only count and check, without a render.",
-        rich_help_panel=arguments.OUTPUT,
-    ),
+    bool, output("--count-only", help="Only count and check, without a render.")
 ]
-DatasetFolder = Annotated[
-    str,
-    typer.Argument(
-        metavar="DIR", help="Folder that `dataset run` made.", autocompletion=shell_files
-    ),
-]
+DatasetFolder = Annotated[str, argument("DIR", "Folder that `dataset run` wrote.")]
 SampleCalled = Annotated[
-    str,
-    typer.Argument(
-        metavar="SAMPLE",
-        help="Its number in the dataset, from 0, or the beginning of its key.",
-    ),
+    str, argument("SAMPLE", "Number of the sample, from 0, or the start of its key.")
 ]
 PictureFile = Annotated[
     str | None,
-    typer.Option(
+    output(
         "--picture",
         metavar="FILE.png",
-        help="Write its preview here; it is developed from the raw frame if the dataset stores no preview.",
-        rich_help_panel=arguments.OUTPUT,
-        autocompletion=shell_files,
+        help="Also write the sample's preview, developed from the raw frame if the dataset stores no preview.",
     ),
 ]
 RemovesDamage = Annotated[
-    bool,
-    typer.Option(
-        "--remove",
-        help="Remove changed files; `dataset run` recreates them.",
-        rich_help_panel=arguments.OUTPUT,
-    ),
+    bool, output("--remove", help="Remove changed files; `dataset run` then recreates them.")
 ]
 ExportFormat = Annotated[
     str,
-    typer.Argument(
-        metavar="FORMAT",
-        help=f"{'; '.join(f'{row.name}: {row.contents}' for row in FORMATS)}.",
-        autocompletion=one_of(row.name for row in FORMATS),
+    argument(
+        "FORMAT",
+        f"{'; '.join(f'{row.name}: {row.contents}' for row in FORMATS)}.",
+        one_of(row.name for row in FORMATS),
     ),
 ]
 
@@ -121,11 +94,11 @@ def run_command(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Make every sample of a dataset that DIR lacks.
+    """Make all samples of a dataset that DIR does not contain yet.
 
-    A light and all its samples appear whole or not at all; after a stop, the same command continues. A light that
-    cannot be made is a line in DIR/failed.jsonl, and the rest is made. README.md in DIR says what is there and how to
-    read it; contact_sheet.png shows some of the frames.
+    Each light and its samples appear together or not at all; repeat the command to continue after a stop. Failures are
+    lines in DIR/failed.jsonl and do not stop the run. DIR/README.md describes the contents, and contact_sheet.png shows
+    some frames.
     """
     from ..dataset.plan import load_plan
     from ..dataset.run import run
@@ -133,13 +106,8 @@ def run_command(
     plan = load_plan(file, flags.pop("roots") or ["."], flags.pop("untrusted"))
     with samples_bar(err) as progress:
         done = run(plan, out_dir, progress=progress, **flags)
-    facts = {
-        "made": done.made,
-        "there": done.there,
-        "failed": [failure.model_dump() for failure in done.failed],
-        "render_noise": done.render_noise,
-        "remarks": done.remarks,
-    }
+    facts = {name: getattr(done, name) for name in ("made", "there", "render_noise", "remarks")}
+    facts["failed"] = [failure.model_dump() for failure in done.failed]
     show(facts if as_json else run_sheet(plan, done, out_dir), as_json)
     if done.failed:
         raise typer.Exit(1)
@@ -157,10 +125,10 @@ def plan_command(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Count the renders and samples of a dataset, and estimate disk space and time. Writes nothing.
+    """Count the renders and samples of a dataset, and estimate its disk space, run time and render noise.
 
-    Checks values, cameras and files of every sample. A short render for each camera on this machine estimates time,
-    bytes and render noise.
+    Checks the values, cameras and files of every sample. The estimates come from a short render for each
+    camera on this machine. Writes no files.
     """
     from ..dataset.checks import check_scenes, checked_counts
     from ..dataset.forecast import forecast
@@ -188,23 +156,23 @@ def show_command(
     picture: PictureFile = None,
     as_json: arguments.Json = False,
 ) -> None:
-    """Show the settings, signal, noise and files of one sample."""
+    """Show one sample: its settings, signal and noise, files and preview."""
     from ..dataset.read import Dataset
     from ..files.png import write_png
-    from .sample_sheet import sample_facts, sample_sheet
+    from .summaries import sample_facts, sample_sheet
 
     samples = Dataset(folder)
     place = samples.place_of(sample)
     facts = {**sample_facts(samples, place, samples[place]), "picture": picture}
     if picture is not None:
         write_png(Path(picture), samples[place].read("preview"))
-    where = picture or f"in the shard; {WRITE_ONE}"
+    where = picture or "in the shard; --picture FILE.png writes it"
     show(facts if as_json else sample_sheet(facts, where), as_json)
 
 
 @dataset.command("status", cls=Command, epilog="Example: mitsuba-sensor dataset status pairs/")
 def status_command(folder: DatasetFolder, as_json: arguments.Json = False) -> None:
-    """Show how many samples a dataset has, and what could not be made. Reads no images."""
+    """Show how many samples a dataset has, and which failed, without reading images."""
     from ..dataset.file import read_dataset_text
     from ..dataset.run import read_failures
     from ..dataset.store import Store
@@ -220,15 +188,15 @@ def status_command(folder: DatasetFolder, as_json: arguments.Json = False) -> No
         "bytes": store.size(),
         "failed": [failure.model_dump() for failure in failures],
     }
-    head = f"{name}: {there} of {record.samples} samples, {facts['bytes'] / 1e6:.3g} MB"
-    show(facts if as_json else _with_failed(head, failures), as_json)
+    head = f"{name}: {len(table)} of {counted(record.samples, 'sample')}, {store.size() / 1e6:.3g} MB"
+    show(facts if as_json else _with_failed(head, [*failures.values()]), as_json)
 
 
 @dataset.command("verify", cls=Command, epilog="Example: mitsuba-sensor dataset verify pairs/")
 def verify_command(
     folder: DatasetFolder, removes: RemovesDamage = False, as_json: arguments.Json = False
 ) -> None:
-    """Read every file of a dataset, and list changed files. Exit code 1 if there are any."""
+    """Read every file of a dataset and list the files that changed. Exit code 1 if any file changed."""
     from ..dataset.store import Store
     from ..dataset.table import remove_faults, verify
 
@@ -259,9 +227,9 @@ def export_command(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Write a dataset as files for another program, with a card: README.md with counts, noise and licence.
+    """Write a dataset in another program's format, with README.md: counts, noise and licence.
 
-    The folder appears whole or not at all; files.json in it has the size and SHA-256 of each file.
+    The folder appears complete or not at all; files.json lists the size and SHA-256 of each file.
     """
     _export(format, folder, out_dir, as_json, flags)
 
@@ -276,7 +244,7 @@ def unpack_command(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Write the files of each sample into a separate folder: frames, pictures and JSON, as `export files` does."""
+    """Write the frames, images and JSON of each sample into its own folder, as `export files` does."""
     _export("files", folder, out_dir, as_json, flags)
 
 
@@ -294,15 +262,16 @@ def _export(
             **flags,
         )
     facts = {**exported._asdict(), "format": format, "folder": out_dir}
-    head = f"{Path(out_dir)}: {exported.samples} samples as {format}; README.md there explains how to read them"
+    count = counted(exported.samples, "sample")
+    head = f"{Path(out_dir)}: {count} as {format}; its README.md explains how to read them"
     show(facts if as_json else "\n".join([head, *exported.remarks]), as_json)
 
 
 def run_sheet(plan: DatasetPlan, done: RunProgress, folder: str) -> RenderableType:
-    """Return what a run made, and what it could not make."""
+    """Return the new samples of a run and its failures."""
     head = Text.assemble(
         (plan.file.name, "bold"),
-        f": {done.made} samples made, {done.there} were there already → ",
+        f": {counted(done.made, 'new sample')}, {done.there} already existed → ",
         folder,
     )
     for name, what in READ_FIRST.items():
@@ -314,7 +283,7 @@ def run_sheet(plan: DatasetPlan, done: RunProgress, folder: str) -> RenderableTy
 
 
 def plan_sheet(plan: DatasetPlan, counts: Counts, estimate: Forecast | None) -> RenderableType:
-    """Return a line for each scene, and the sums."""
+    """Return one line for each scene, and the totals."""
     from ..dataset.card import VISIBLE_RATIO, less_render_noise
 
     table = ResultTable(("scene", "renders", "samples"))
@@ -323,7 +292,7 @@ def plan_sheet(plan: DatasetPlan, counts: Counts, estimate: Forecast | None) -> 
     renders = sum(several for several, _ in counts.by_scene.values())
     splits = ", ".join(f"{name} {n}" for name, n in counts.by_split.items() if name)
     head = (
-        f"{plan.file.name}: {_counted(counts.samples, 'sample')} of {_counted(renders, 'render')}"
+        f"{plan.file.name}: {counted(counts.samples, 'sample')} of {counted(renders, 'render')}"
         f"{f' ({splits})' if splits else ''}"
     )
     below = counts.notes()
@@ -332,10 +301,10 @@ def plan_sheet(plan: DatasetPlan, counts: Counts, estimate: Forecast | None) -> 
         of_camera = f" for camera {worst}" if len(estimate.noise_ratios) > 1 else ""
         below += [
             f"about {duration(estimate.seconds)} and {estimate.bytes / 1e6:.3g} MB on this machine, if all scenes are "
-            f"like {estimate.scene}: {rough(estimate.render_s)} s a render, {rough(estimate.sample_s)} s and "
-            f"{rough(estimate.sample_bytes / 1e6)} MB a sample",
-            f"render noise {rough(estimate.noise_ratio)}{of_camera}: the variance of the render over the temporal "
-            f"variance of the sensor, in the median pixel; above {VISIBLE_RATIO} it is visible in the frames",
+            f"like {estimate.scene}: {rough(estimate.render_s)} s per render, {rough(estimate.sample_s)} s and "
+            f"{rough(estimate.sample_bytes / 1e6)} MB per sample",
+            f"render noise{of_camera}: variance {rough(estimate.noise_ratio)} × the sensor's in the median pixel; above "
+            f"{VISIBLE_RATIO} it is visible in the frames",
         ]
         if estimate.noise_ratio > VISIBLE_RATIO:
             below.append(f"{less_render_noise(plan.file.render)}.")
@@ -349,26 +318,26 @@ def _counted(number: int, noun: str) -> str:
 
 
 def fault_sheet(folder: str, faults: Sequence[Fault], removed: bool) -> RenderableType:
-    """Return the changed files, and the remedy."""
-    damaged = [fault for fault in faults if fault.is_damage]
+    """Return the changed files and what to do."""
     if not faults:
         return f"{folder}: every file is unchanged"
-    table = ResultTable(("file", "what is wrong"))
-    for fault in faults[:FAULTS_SHOWN_MAX]:
+    damaged = [fault for fault in faults if fault.is_damage]
+    table = ResultTable(("file", "problem"))
+    for fault in faults[:FAULTS_MAX]:
         table.add_row(fault.file, fault.what)
-    more = f" (the first {FAULTS_SHOWN_MAX} are shown)" * (len(faults) > FAULTS_SHOWN_MAX)
-    head = f"{folder}: {_counted(len(damaged), 'damaged file')}{more}"
-    below = "`mitsuba-sensor dataset run` with the dataset file recreates missing files."
+    more = f" (the first {FAULTS_MAX} are shown)" if len(faults) > FAULTS_MAX else ""
+    head = f"{folder}: {counted(len(damaged), 'damaged file')}{more}"
+    below = "To recreate missing files, run `mitsuba-sensor dataset run` with the dataset file."
     if damaged and not removed:
-        below = f"`mitsuba-sensor dataset verify {folder} --remove` removes damaged files; then {below}"
+        below = f"To remove damaged files, add --remove. {below}"
     return Lines(Text(head, style="bold"), table, Text(below if damaged else ""))
 
 
 def _with_failed(head: str | Text, failed: Sequence[Failure]) -> RenderableType:
-    """Return a first line, and what could not be made."""
+    """Return a first line and a table of failures."""
     if not failed:
         return Lines(head)
-    table = ResultTable(("scene", "samples", "why they could not be made"))
+    table = ResultTable(("scene", "samples", "reason of the failure"))
     for failure in failed:
         table.add_row(failure.scene, str(failure.samples), Text(failure.why))
-    return Lines(head, table, Text("--retry tries them again; failed.jsonl has their logs"))
+    return Lines(head, table, Text("to try again, add --retry; failed.jsonl has the logs"))
