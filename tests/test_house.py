@@ -481,10 +481,10 @@ LINES_OF_A_MODULE, PARAMETERS = 420, 8
 
 TOKENS_MAX = {
     ".": 8054,
-    "bench": 23369,
+    "bench": 23205,
     "benchmarks": 25376,
     "camera": 24845,
-    "cli": 21490,
+    "cli": 21124,
     "core": 24509,
     "dataset": 43354,
     "examples": 8792,
@@ -493,13 +493,13 @@ TOKENS_MAX = {
     "lab": 68144,
     "optics": 17471,
     "output": 24911,
-    "pages": 3350,
+    "pages": 3425,
     "render": 79538,
     "reproduction": 12087,
     "sensor": 13941,
     "stages": 32899,
-    "study": 9256,
-    "tests": 359447,
+    "study": 9186,
+    "tests": 357824,
     "theory": 14686,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
