@@ -480,11 +480,11 @@ def test_help_cameras_and_completion_import_only_what_they_show() -> None:
 LINES_OF_A_MODULE, PARAMETERS = 420, 8
 
 TOKENS_MAX = {
-    ".": 8054,
+    ".": 8033,
     "bench": 23369,
     "benchmarks": 31961,
     "camera": 24845,
-    "cli": 21470,
+    "cli": 21444,
     "core": 24509,
     "dataset": 43283,
     "examples": 8792,
@@ -492,15 +492,15 @@ TOKENS_MAX = {
     "gradient": 4264,
     "lab": 68144,
     "optics": 17471,
-    "output": 25593,
+    "output": 25527,
     "pages": 3350,
     "render": 80021,
     "reproduction": 12087,
-    "sensor": 13941,
+    "sensor": 13967,
     "stages": 32899,
     "study": 9256,
     "tests": 359258,
-    "theory": 14686,
+    "theory": 14644,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
 TOKENS_SLACK = 0.03

@@ -41,9 +41,14 @@ def budget(
     from .inputs import camera_and_exposure, settings_of, taken_by_default
 
     if sweep:
-        if irradiance is not None or electrons is not None or flags["readout"] is not None:
+        given = {
+            "the light": irradiance, "--electrons": electrons, "--readout": flags["readout"]
+        }  # fmt: skip
+        unused = [name for name, value in given.items() if value is not None]
+        if unused:
             raise InputError(
-                "--sweep chooses the levels of light itself; leave out the light and --readout."
+                f"--sweep chooses the levels of light and does not use {' and '.join(unused)}; omit "
+                f"{'them' if len(unused) > 1 else 'it'}."
             )
         _show_sweep(as_json, flags)
         return
@@ -87,13 +92,8 @@ def _show_sweep(as_json: bool, flags: options.Flags) -> None:
             "--exposure-s is auto, and --sweep has no image to meter; give seconds, e.g. 0.01."
         )
     curve = ms.snr_curve(camera, exposure)
-    names = "electrons", "signal_dn", "temporal_dn", "spatial_dn", "snr", "total_snr"
-    rows = zip(*(getattr(curve, name) for name in names), strict=True)
-    show([dict(zip(names, map(float, row), strict=True)) for row in rows], as_json)
-    about = (
-        f"{curve.camera} at {curve.exposure.time_s:g} s; snr: signal over temporal noise (EMVA 1288); total_snr: over "
-        "temporal and spatial noise"
-    )
+    show(curve.rows, as_json, None if as_json else curve.explain())
+    about = "temporal SNR: signal over temporal noise (EMVA 1288); total SNR: over all noise"
     show_remarks(as_json, [about, *taken_by_default(flags, settings, camera)])
 
 

@@ -29,7 +29,7 @@ from ..theory.clean import PixelMoments, pixel_moments
 from ..theory.expected import Expectation
 from ..theory.noise_budget import NoiseBudget
 from ..theory.plan import Plan
-from ..theory.report import FrameObserver, report
+from ..theory.report import report
 from .dng import write_dng
 from .frame_files import frames_html, preview_of, save_frames
 from .frame_page import frame_page
@@ -71,20 +71,17 @@ class Frames(RawFrames):
     detected : mean photoelectrons of the light.  backend : what computed the frames.
     photons, photoelectrons, dark_electrons, electrons, volts, input_referred_electrons : (N, H, W) float64 if asked for
         by ``keep``, else None.
-    observer : who followed the first frame while it was computed, for the report.
     own_clean, own_readouts : clean frames and read-outs where each frame has a light of its own.
     """
 
     plan: Plan | None = None
-    observer: FrameObserver | None = None
     own_clean: NDArray[np.float32] | None = None
     own_readouts: Mapping[str, Frames] | None = None
 
     @classmethod
-    def of(cls, raw: RawFrames, observer: FrameObserver | None = None) -> Frames:
-        """Frames with these digital numbers.  observer : who followed the first of them, for the report."""
-        values = {field.name: getattr(raw, field.name) for field in fields(RawFrames)}
-        return cls(**values, observer=observer)
+    def of(cls, raw: RawFrames) -> Frames:
+        """Frames with these digital numbers."""
+        return cls(**{field.name: getattr(raw, field.name) for field in fields(RawFrames)})
 
     def __sub__(self, other: object) -> NoReturn:
         raise InputError(
@@ -96,10 +93,9 @@ class Frames(RawFrames):
     __array_ufunc__ = None
 
     @classmethod
-    def exposed(cls, sensor: PreparedExposure, followed: bool = False) -> Frames:
-        """All frames of an exposure.  followed : whether clipped pixels of the first are counted along with it."""
-        observer = FrameObserver(sensor.stages) if followed else None
-        return cls.of(sensor.frames(observer), observer)
+    def exposed(cls, sensor: PreparedExposure) -> Frames:
+        """All frames of an exposure."""
+        return cls.of(sensor.frames())
 
     @classmethod
     def joined(cls, parts: Sequence[Frames], with_clean: bool) -> Frames:
@@ -206,23 +202,16 @@ class Frames(RawFrames):
     @cached_property
     def report(self) -> dict[str, Any]:
         """Every stage as expected and as it is in these frames, ready for JSON (see report.py)."""
-        return report(self.camera, self.theory, self._observer)
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """How many pixels of the first frame are clipped, by the cause."""
-        return dict(self._observer.counts)
+        return report(self.camera, self.theory, self.counts)
 
     @cached_property
-    def _observer(self) -> FrameObserver:
-        """Who followed the first frame; it is computed again unless it was ``followed``."""
-        if self.observer is not None:
-            return self.observer
-        observer = FrameObserver(self.stages)
+    def counts(self) -> Mapping[str, int]:
+        """Number of pixels of the first frame that are clipped or cut to zero, by the cause."""
+        if self.counted is not None:
+            return self.counted
         first = self.first.on(self.backend)
-        exposure = PreparedExposure(self.camera, self.stages, first, 1, (), light=self.detected)
-        exposure.frames(observer)
-        return observer
+        one = PreparedExposure(self.camera, self.stages, first, 1, (), light=self.detected)
+        return one.frames(counted=True).counted or {}  # the same frame, computed again
 
     @property
     def companded(self) -> NDArray[np.unsignedinteger] | None:
