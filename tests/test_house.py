@@ -496,7 +496,7 @@ TOKENS_MAX = {
     "pages": 3425,
     "render": 79538,
     "reproduction": 12087,
-    "sensor": 13941,
+    "sensor": 13967,
     "stages": 32899,
     "study": 9186,
     "tests": 357824,

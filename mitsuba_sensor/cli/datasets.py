@@ -303,8 +303,8 @@ def plan_sheet(plan: DatasetPlan, counts: Counts, estimate: Forecast | None) -> 
             f"about {duration(estimate.seconds)} and {estimate.bytes / 1e6:.3g} MB on this machine, if all scenes are "
             f"like {estimate.scene}: {rough(estimate.render_s)} s per render, {rough(estimate.sample_s)} s and "
             f"{rough(estimate.sample_bytes / 1e6)} MB per sample",
-            f"render noise{of_camera}: variance {rough(estimate.noise_ratio)} × the sensor's in the median pixel; above "
-            f"{VISIBLE_RATIO} it is visible in the frames",
+            f"render noise{of_camera}: variance {rough(estimate.noise_ratio)} × the sensor's in the median pixel; "
+            f"above {VISIBLE_RATIO} it is visible in the frames",
         ]
         if estimate.noise_ratio > VISIBLE_RATIO:
             below.append(f"{less_render_noise(plan.file.render)}.")

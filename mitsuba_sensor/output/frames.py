@@ -29,7 +29,7 @@ from ..theory.clean import PixelMoments, pixel_moments
 from ..theory.expected import Expectation
 from ..theory.noise_budget import NoiseBudget
 from ..theory.plan import Plan
-from ..theory.report import FrameObserver, report
+from ..theory.report import report
 from .dng import write_dng
 from .frame_files import frames_html, preview_of, save_frames
 from .frame_page import frame_page
@@ -71,20 +71,17 @@ class Frames(RawFrames):
     detected : mean photoelectrons of the light.  backend : backend that computed the frames.
     photons, photoelectrons, dark_electrons, electrons, volts, input_referred_electrons : (N, H, W) float64 if requested
         with ``keep``, else None.
-    observer : record of the first frame while it was computed, for the report.
     own_clean, own_readouts : clean frames and readouts, if each frame has separate light.
     """
 
     plan: Plan | None = None
-    observer: FrameObserver | None = None
     own_clean: NDArray[np.float32] | None = None
     own_readouts: Mapping[str, Frames] | None = None
 
     @classmethod
-    def of(cls, raw: RawFrames, observer: FrameObserver | None = None) -> Frames:
-        """Return frames with these digital numbers.  observer : record of the first frame, for the report."""
-        values = {field.name: getattr(raw, field.name) for field in fields(RawFrames)}
-        return cls(**values, observer=observer)
+    def of(cls, raw: RawFrames) -> Frames:
+        """Return frames with these digital numbers."""
+        return cls(**{field.name: getattr(raw, field.name) for field in fields(RawFrames)})
 
     def __sub__(self, other: object) -> NoReturn:
         raise InputError(
@@ -96,10 +93,9 @@ class Frames(RawFrames):
     __array_ufunc__ = None
 
     @classmethod
-    def exposed(cls, sensor: PreparedExposure, followed: bool = False) -> Frames:
-        """Return all frames of an exposure.  followed : also record the first frame, e.g. its clipped pixels."""
-        observer = FrameObserver(sensor.stages) if followed else None
-        return cls.of(sensor.frames(observer), observer)
+    def exposed(cls, sensor: PreparedExposure) -> Frames:
+        """Return all frames of an exposure."""
+        return cls.of(sensor.frames())
 
     @classmethod
     def joined(cls, parts: Sequence[Frames], with_clean: bool) -> Frames:
@@ -204,23 +200,16 @@ class Frames(RawFrames):
     @cached_property
     def report(self) -> dict[str, Any]:
         """Expected and measured signal after every stage, ready for JSON; see report.py."""
-        return report(self.camera, self.theory, self._observer)
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Numbers of clipped pixels of the first frame, by cause."""
-        return dict(self._observer.counts)
+        return report(self.camera, self.theory, self.counts)
 
     @cached_property
-    def _observer(self) -> FrameObserver:
-        """Record of the first frame, which is computed again unless it was ``followed``."""
-        if self.observer is not None:
-            return self.observer
-        observer = FrameObserver(self.stages)
+    def counts(self) -> Mapping[str, int]:
+        """Numbers of clipped pixels of the first frame, by cause."""
+        if self.counted is not None:
+            return self.counted
         first = self.first.on(self.backend)
         exposure = PreparedExposure(self.camera, self.stages, first, 1, (), light=self.detected)
-        exposure.frames(observer)
-        return observer
+        return exposure.frames(counted=True).counted or {}  # the same frame, computed again
 
     @property
     def companded(self) -> NDArray[np.unsignedinteger] | None:
