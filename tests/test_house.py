@@ -480,11 +480,11 @@ def test_help_cameras_and_completion_import_only_what_they_show() -> None:
 LINES_OF_A_MODULE, PARAMETERS = 420, 8
 
 TOKENS_MAX = {
-    ".": 8054,
+    ".": 8033,
     "bench": 23205,
     "benchmarks": 25376,
     "camera": 24845,
-    "cli": 21124,
+    "cli": 21079,
     "core": 24509,
     "dataset": 43354,
     "examples": 8792,
@@ -492,15 +492,15 @@ TOKENS_MAX = {
     "gradient": 4264,
     "lab": 68144,
     "optics": 17471,
-    "output": 24911,
+    "output": 24845,
     "pages": 3425,
     "render": 79538,
     "reproduction": 12087,
     "sensor": 13967,
-    "stages": 32899,
+    "stages": 32256,
     "study": 9186,
     "tests": 357824,
-    "theory": 14686,
+    "theory": 14644,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
 TOKENS_SLACK = 0.03
