@@ -1,7 +1,7 @@
 """Quantile functions in float32: one 32-bit random integer → one random number of a distribution.
 
 They use the operations of arrays.py, so NumPy and Dr.Jit return the same bits, without rejection loops or state.
-distributions.py has the same functions in float64. benchmarks/fit_quantiles.py fits the coefficients, and
+distributions.py has the same functions in float64. d57d910e:benchmarks/fit_quantiles.py fitted the coefficients, and
 benchmarks/enumerate_quantiles.py compares all 2³² integers with the exact distributions.
 """
 
