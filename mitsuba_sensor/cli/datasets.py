@@ -97,7 +97,7 @@ def run_command(
     """Make all samples of a dataset that DIR does not contain yet.
 
     Each light and its samples appear together or not at all; repeat the command to continue after a stop. Failures are
-    lines in DIR/failed.jsonl and do not stop the run. DIR/README.md describes the contents, and contact_sheet.png shows
+    lines in failed.jsonl and do not stop the run. README.md describes the contents, and contact_sheet.png shows
     some frames.
     """
     from ..dataset.plan import load_plan
@@ -188,8 +188,8 @@ def status_command(folder: DatasetFolder, as_json: arguments.Json = False) -> No
         "bytes": store.size(),
         "failed": [failure.model_dump() for failure in failures],
     }
-    head = f"{name}: {len(table)} of {counted(record.samples, 'sample')}, {store.size() / 1e6:.3g} MB"
-    show(facts if as_json else _with_failed(head, [*failures.values()]), as_json)
+    head = f"{name}: {there} of {counted(record.samples, 'sample')}, {store.size() / 1e6:.3g} MB"
+    show(facts if as_json else _with_failed(head, failures), as_json)
 
 
 @dataset.command("verify", cls=Command, epilog="Example: mitsuba-sensor dataset verify pairs/")
