@@ -484,7 +484,7 @@ TOKENS_MAX = {
     "bench": 23205,
     "benchmarks": 25376,
     "camera": 25088,
-    "cli": 21648,
+    "cli": 21641,
     "core": 24325,
     "dataset": 43354,
     "examples": 8792,
