@@ -31,6 +31,7 @@ TEXTS = {
     r"valid (integer|.*fractional part)": "whole number",
     r"valid string": "text in quotes",
     r"valid | after validation.*": "",
+    r"greater than or equal to 0\.0{29}1": "above 0",
     r"greater than or equal to": "at least",
     r"less than or equal to": "at most",
     r"greater than": "above",
@@ -155,6 +156,7 @@ def _meant(loc: Loc, value: object, model: type[BaseModel], missing: set[str]) -
     path = dotted(loc)
     _, table = _declared(loc, model)
     known = [*fields_of(model), *(dotted((*loc[:-1], name)) for name in table.model_fields)]
+    known = [name for name in known if len(loc) == 1 or "." in name]  # no whole table for a field
     names = [path]
     if isinstance(value, Mapping):
         names += [f"{path}.{key}" for key in value]
@@ -202,7 +204,8 @@ def unknown_field(loc: Loc, meant: str | None, model: type[BaseModel], kind: str
     end = proposal(path, meant)
     if not end:
         table = _declared(loc, model)[1]
-        around = "the file" if table is model else f"[{path.rpartition('.')[0]}]"
+        tables = [part for part in loc[:-1] if isinstance(part, str)]
+        around = "the file" if table is model else f"[{'.'.join(tables)}]"
         end = f" The fields of {around} are {', '.join(table.model_fields)}."
     return f"{path} is not a field of a {kind} file.{end}"
 
