@@ -39,7 +39,7 @@ LAW = f"{EFFECTS}/test_laws.py"
 MUTATIONS = (
     # core
     Mutation("core", "(k0 + _W0) & _MASK, (k1 + _W1)", "(k0 + _W1) & _MASK, (k1 + _W0)", "tests/core/test_counter_rng.py"),
-    Mutation("core", "(bits.astype(np.float64) + 0.5) * 2.0**-32", "bits.astype(np.float64) * 2.0**-32", "tests/core/test_distributions.py"),
+    Mutation("core", "(bits.astype(np.float64) + 0.5) * 2.0**-32", "bits.astype(np.float64) * 2.0**-32", "tests/core/test_quantiles.py"),
     # stages
     Mutation("stages", "arrays.floor(ideal + 0.5)", "arrays.floor(ideal)", f"{EFFECTS}/test_adc.py"),
     Mutation("stages", "k - 0.5 + inl for k", "k + 0.5 + inl for k", f"{EFFECTS}/test_adc.py"),
