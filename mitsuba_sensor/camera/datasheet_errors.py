@@ -156,7 +156,9 @@ def _meant(loc: Loc, value: object, model: type[BaseModel], missing: set[str]) -
     path = dotted(loc)
     _, table = _declared(loc, model)
     known = [*fields_of(model), *(dotted((*loc[:-1], name)) for name in table.model_fields)]
-    known = [name for name in known if len(loc) == 1 or "." in name]  # no whole table for a field
+    known = [
+        name for name in known if len(loc) == 1 or "." in name
+    ]  # no whole table for a field
     names = [path]
     if isinstance(value, Mapping):
         names += [f"{path}.{key}" for key in value]

@@ -57,6 +57,7 @@ PLACEHOLDER = (1.5, 40.0)  # index and Abbe number that Zemax writes for catalog
 
 ZEMAX_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "METER": 1000.0, "M": 1000.0}
 CODEV_MM = {"M": 1.0, "C": 10.0, "I": 25.4}
+ZEMAX_NUMBERS = {"CONI": "conic", "DISZ": "thickness", "DIAM": "semi_diameter"}
 ZEMAX_TERMS = 8  # of an even asphere: r² to r¹⁶
 ASPHERES = "ABCDEFGHJ"  # of CODE V: A4, A6, … A20
 ZEMAX_REFUSED = re.compile("SQAP|SQOB|ELAP|ELOB|UDAD|UDOB|SPID|OBDC|SCBD")
@@ -136,12 +137,8 @@ def _read_zemax(surface: DesignSurface, key: str, values: list[str], makers: lis
     elif key == "CURV":
         curvature = float(values[0])
         surface.radius = 1 / curvature if curvature else math.inf
-    elif key == "CONI":
-        surface.conic = float(values[0])
-    elif key == "DISZ":
-        surface.thickness = float(values[0])
-    elif key == "DIAM":
-        surface.semi_diameter = float(values[0])
+    elif key in ZEMAX_NUMBERS:
+        setattr(surface, ZEMAX_NUMBERS[key], float(values[0]))
     elif key == "PARM":
         term, coefficient = int(values[0]), float(values[1])
         if coefficient and not 1 <= term <= ZEMAX_TERMS:

@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import TypeVar, overload
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +10,6 @@ from .errors import InputError, require_seed, shown
 from .exposure import Exposure
 from .types import Float64Array, NumpyArray
 
-Value = TypeVar("Value")
 LIGHT_FILE = "read the file first, e.g. ms.read_irradiance(path)"
 PICTURE_FILE = "read the picture first, e.g. np.asarray(PIL.Image.open(path))"
 OTHER_KINDS = {"b": "a Boolean array, e.g. a mask", "c": "complex"}
@@ -122,12 +121,6 @@ def require_frame(number: object, count: int) -> int:
     return int(number)
 
 
-@overload
-def first_given(value: Value | None, default: Value, /) -> Value: ...
-@overload
-def first_given(value: Value | None, other: Value | None, default: Value, /) -> Value: ...
-@overload
-def first_given(*values: Value | None) -> Value | None: ...
-def first_given(*values: Value | None) -> Value | None:
+def first_given(*values: Any) -> Any:
     """Return the first value that is not None, or None."""
     return next((value for value in values if value is not None), None)
