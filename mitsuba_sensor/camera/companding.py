@@ -59,7 +59,7 @@ class CompandingSection(FileTable):
         """Return the companded codes, rounded half up; linear codes above the last knee are clipped."""
         linear, companded = np.array(self.knees, dtype=np.float64).T
         rounded = np.floor(np.interp(codes.astype(np.float64), linear, companded) + 0.5)
-        return rounded.astype(np.min_scalar_type(2**self.bits - 1))
+        return np.asarray(rounded, np.min_scalar_type(2**self.bits - 1))
 
     def linear_codes(self) -> Float64Array:
         """Return the unrounded linear code of every companded code, shape (2^bits,)."""

@@ -111,7 +111,7 @@ def require_pair(name: str, pair: object, what: str) -> tuple[int, int]:
     return require_seed(name, pair[0]), require_seed(name, pair[1])
 
 
-def require_frame(number: object, count: int) -> int:
+def require_frame(number: Any, count: int) -> int:
     """Return the number of a frame, from 0, or from -1 for the last frame backwards; else raise InputError."""
     is_whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
     if not is_whole or not -count <= int(number) < count:

@@ -122,7 +122,8 @@ def gamma_shape_series(reach: float, terms: int, of_shape: int) -> list[list[flo
 def _gamma_quantile(z: Float64Array, shape: Array) -> Float64Array:
     """Return the gamma quantile of this shape where a standard normal has z, from the nearer tail."""
     upper = scipy.special.gammainccinv(shape, scipy.special.ndtr(-z))
-    return np.where(z > 0, upper, scipy.special.gammaincinv(shape, scipy.special.ndtr(z)))
+    lower = scipy.special.gammaincinv(shape, scipy.special.ndtr(z))
+    return np.asarray(np.where(z > 0, upper, lower))
 
 
 def _log_gamma(z: Float64Array, cv: float) -> Float64Array:

@@ -99,9 +99,9 @@ class Frame:
 
         rows, columns : coordinates on the sensor (not in the window); they broadcast with the frames.
         """
-        block, slot = stream_of(source)
-        places = map(np.asarray, (rows, columns, frame_index))
-        return random_bits_at(block, *places, self.key_of_source(source))[slot]
+        (block, slot), key = stream_of(source), self.key_of_source(source)
+        y, x, index = map(np.asarray, (rows, columns, frame_index))
+        return random_bits_at(block, y, x, index, key)[slot]
 
     def row_normal(self, source: str, rows: ArrayLike | None = None) -> Array:
         """Return one standard normal per row of the window, new in every frame, shape (H, 1).

@@ -60,6 +60,10 @@ def _environment(folder: Path) -> Environment:
     """Return Jinja's environment for the templates of a folder; the first page imports Jinja."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    blocks = {"trim_blocks": True, "lstrip_blocks": True}
-    loader = FileSystemLoader(folder)
-    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, **blocks)
+    return Environment(
+        loader=FileSystemLoader(folder),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
