@@ -484,7 +484,7 @@ TOKENS_MAX = {
     "bench": 23205,
     "benchmarks": 31961,
     "camera": 24845,
-    "cli": 21078,
+    "cli": 21115,
     "core": 24509,
     "dataset": 43283,
     "examples": 8792,
