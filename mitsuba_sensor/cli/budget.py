@@ -21,7 +21,6 @@ FIRST = ("electrons", "sweep", "camera", "readout", "exposure_s", "gain", "setti
 SIDE_MAX_PX = 128
 """Largest side of the uniformly lit window."""
 DEFAULT_TIME_S = 0.01
-SNR_COLUMNS = "electrons", "signal_dn", "temporal_dn", "spatial_dn", "snr", "total_snr"
 
 
 @app.command(
@@ -81,12 +80,8 @@ def budget(
 
 
 def _show_sweep(curve: SnrCurve, as_json: bool, remarks: list[str]) -> None:
-    rows = np.transpose([getattr(curve, name) for name in SNR_COLUMNS]).tolist()
-    show([dict(zip(SNR_COLUMNS, row, strict=True)) for row in rows], as_json)
-    about = (
-        f"{curve.camera} at {curve.exposure.time_s:g} s; snr is signal over temporal noise (EMVA 1288), total_snr is "
-        "signal over temporal and spatial noise"
-    )
+    show(curve.rows, as_json, None if as_json else curve.explain())
+    about = "temporal SNR: signal over temporal noise (EMVA 1288); total SNR: over all noise"
     show_remarks(as_json, [about, *remarks])
 
 

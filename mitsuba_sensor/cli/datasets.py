@@ -97,7 +97,7 @@ def run_command(
     """Make all samples of a dataset that DIR does not contain yet.
 
     Each light and its samples appear together or not at all; repeat the command to continue after a stop. Failures are
-    lines in DIR/failed.jsonl and do not stop the run. DIR/README.md describes the contents, and contact_sheet.png shows
+    lines in failed.jsonl and do not stop the run. README.md describes the contents, and contact_sheet.png shows
     some frames.
     """
     from ..dataset.plan import load_plan
@@ -127,8 +127,8 @@ def plan_command(
 ) -> None:
     """Count the renders and samples of a dataset, and estimate its disk space, run time and render noise.
 
-    Checks the values, cameras and files of every sample. The estimates come from one short render on this machine.
-    Writes no files.
+    Checks the values, cameras and files of every sample. The estimates come from a short render for each
+    camera on this machine. Writes no files.
     """
     from ..dataset.checks import check_scenes, checked_counts
     from ..dataset.forecast import forecast
@@ -139,7 +139,7 @@ def plan_command(
         now(0, 1, "counting")
         counts = checked_counts(plan)
         check_scenes(plan)
-        now(0, 1, "a short render")
+        now(0, 1, "short renders")
         estimate = None if count_only else forecast(plan, counts)
     facts = asdict(counts) | ({"forecast": asdict(estimate)} if estimate else {})
     show(facts if as_json else plan_sheet(plan, counts, estimate), as_json)
@@ -178,17 +178,17 @@ def status_command(folder: DatasetFolder, as_json: arguments.Json = False) -> No
     from ..dataset.table import Table
 
     store = Store(folder)
-    record, table = store.require_record(), Table(store)
-    failures, name = read_failures(store), read_dataset_text(record.text).name
+    record, there = store.require_record(), len(Table(store))
+    failures, name = [*read_failures(store).values()], read_dataset_text(record.text).name
     facts = {
         "name": name,
-        "there": len(table),
+        "there": there,
         "samples": record.samples,
         "bytes": store.size(),
-        "failed": [failure.model_dump() for failure in failures.values()],
+        "failed": [failure.model_dump() for failure in failures],
     }
-    head = f"{name}: {len(table)} of {counted(record.samples, 'sample')}, {store.size() / 1e6:.3g} MB"
-    show(facts if as_json else _with_failed(head, [*failures.values()]), as_json)
+    head = f"{name}: {there} of {counted(record.samples, 'sample')}, {store.size() / 1e6:.3g} MB"
+    show(facts if as_json else _with_failed(head, failures), as_json)
 
 
 @dataset.command("verify", cls=Command, epilog="Example: mitsuba-sensor dataset verify pairs/")
@@ -283,7 +283,7 @@ def run_sheet(plan: DatasetPlan, done: RunProgress, folder: str) -> RenderableTy
 
 def plan_sheet(plan: DatasetPlan, counts: Counts, estimate: Forecast | None) -> RenderableType:
     """Return one line for each scene, and the totals."""
-    from ..dataset.card import LESS_RENDER_NOISE, VISIBLE_RATIO
+    from ..dataset.card import VISIBLE_RATIO, less_render_noise
 
     table = ResultTable(("scene", "renders", "samples"))
     for scene, (renders, samples) in counts.by_scene.items():
@@ -294,20 +294,26 @@ def plan_sheet(plan: DatasetPlan, counts: Counts, estimate: Forecast | None) -> 
         f"{plan.file.name}: {counted(counts.samples, 'sample')} of {counted(renders, 'render')}"
         f"{f' ({splits})' if splits else ''}"
     )
-    below = []
+    below = counts.notes()
     if estimate is not None:
-        below = [
+        worst = max(estimate.noise_ratios, key=estimate.noise_ratios.__getitem__)
+        of_camera = f" for camera {worst}" if len(estimate.noise_ratios) > 1 else ""
+        below += [
             f"about {duration(estimate.seconds)} and {estimate.bytes / 1e6:.3g} MB on this machine, if all scenes are "
             f"like {estimate.scene}: {rough(estimate.render_s)} s per render, {rough(estimate.sample_s)} s and "
             f"{rough(estimate.sample_bytes / 1e6)} MB per sample",
-            f"render noise: variance {rough(estimate.noise_ratio)} × the sensor's in the median pixel; above "
-            f"{VISIBLE_RATIO} it is visible in the frames",
+            f"render noise{of_camera}: variance {rough(estimate.noise_ratio)} × the sensor's in the median pixel; "
+            f"above {VISIBLE_RATIO} it is visible in the frames",
         ]
         if estimate.noise_ratio > VISIBLE_RATIO:
-            below.append(LESS_RENDER_NOISE)
+            below.append(f"{less_render_noise(plan.file.render)}.")
     if not plan.file.render.get("denoise"):
         below.append(NOT_DENOISED)
     return Lines(Text(head, style="bold"), table, *map(Text, below))
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' * (number != 1)}"
 
 
 def fault_sheet(folder: str, faults: Sequence[Fault], removed: bool) -> RenderableType:

@@ -87,15 +87,14 @@ def render_progress(
     console: Console, options: Mapping[str, object], now: str = "loading the scene"
 ) -> Iterator[Callable[[RenderProgress], None]]:
     """Show a bar for a render and its frames, with the falling noise ratio. Yields the ``progress`` of ``capture``."""
-    from ..render.passes.stop_criterion import Series
+    from ..render.passes.stop_criterion import standing
 
-    series = Series(options)
     with share_bar(console, now) as tell:
 
         def show(step: RenderProgress) -> None:
             ratio = step.noise_ratio
             note = "" if math.isnan(ratio) else f"render noise {number(ratio)} × the sensor's"
-            tell(*series.standing(step), note)
+            tell(*standing(step, options), note)
 
         yield show
 
