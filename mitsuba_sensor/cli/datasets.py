@@ -187,7 +187,9 @@ def status_command(folder: DatasetFolder, as_json: arguments.Json = False) -> No
         "bytes": store.size(),
         "failed": [failure.model_dump() for failure in failures],
     }
-    head = f"{name}: {there} of {counted(record.samples, 'sample')}, {store.size() / 1e6:.3g} MB"
+    head = (
+        f"{name}: {there} of {counted(record.samples, 'sample')}, {store.size() / 1e6:.3g} MB"
+    )
     show(facts if as_json else _with_failed(head, failures), as_json)
 
 
