@@ -36,16 +36,6 @@ Bits: TypeAlias = Annotated[
         panel=PANEL,
     ),
 ]
-WavelengthNm: TypeAlias = Annotated[
-    float | None,
-    Option(
-        "Wavelength of the light [nm]. Default: from the manifest of frames on disk; for simulated frames, the "
-        "wavelength of the camera's highest QE.",
-        low=100,
-        high=1e4,
-        panel=PANEL,
-    ),
-]
 
 
 class CharacterizeFlags(SimulatedFlags, total=False):
@@ -61,7 +51,16 @@ class CharacterizeFlags(SimulatedFlags, total=False):
         ),
     ]
     bits: Bits
-    wavelength_nm: WavelengthNm
+    wavelength_nm: Annotated[
+        float | None,
+        Option(
+            "Wavelength of the light [nm]. Default: from the manifest of frames on disk; for simulated frames, the "
+            "wavelength of the camera's highest QE.",
+            low=100,
+            high=1e4,
+            panel=PANEL,
+        ),
+    ]
     rendered: Annotated[
         bool,
         Option(
@@ -86,7 +85,15 @@ class FitFlags(TypedDict, total=False):
         ),
     ]
     bits: Bits
-    wavelength_nm: WavelengthNm
+    wavelength_nm: Annotated[
+        float | None,
+        Option(
+            "Wavelength of the flat fields' light [nm]. Default: from the manifest.",
+            low=100,
+            high=1e4,
+            panel=PANEL,
+        ),
+    ]
     force: options.Forced
 
 
