@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13969,
     "stages": 32256,
     "study": 9186,
-    "tests": 358076,
+    "tests": 358092,
     "theory": 14644,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
