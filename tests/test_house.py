@@ -481,7 +481,7 @@ LINES_OF_A_MODULE, PARAMETERS = 420, 8
 
 TOKENS_MAX = {
     ".": 8033,
-    "bench": 23205,
+    "bench": 23268,
     "benchmarks": 25376,
     "camera": 25124,
     "cli": 21683,
@@ -496,7 +496,7 @@ TOKENS_MAX = {
     "pages": 3425,
     "render": 79540,
     "reproduction": 12087,
-    "sensor": 13967,
+    "sensor": 13969,
     "stages": 32256,
     "study": 9186,
     "tests": 358610,
