@@ -484,7 +484,7 @@ TOKENS_MAX = {
     "bench": 23268,
     "benchmarks": 25376,
     "camera": 25124,
-    "cli": 21683,
+    "cli": 21392,
     "core": 24260,
     "dataset": 43354,
     "examples": 8792,
@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13969,
     "stages": 32256,
     "study": 9186,
-    "tests": 358610,
+    "tests": 358878,
     "theory": 14644,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
