@@ -70,7 +70,7 @@ def main(folder: Path) -> None:
                 continue
             here = f"{figure.value:.4g} ({figure.low:.4g} to {figure.high:.4g})"
             if figure.is_bound:
-                here = f"< {figure.high:.3g}"
+                here = figure.shown
             other = f"{peer[symbol]:.4g}" if symbol in peer else ""
             true = f"{PUT_IN[symbol]:.4g}" if number == "003" and symbol in PUT_IN else ""
             print(f"| {number} | {symbol} [{figure.unit}] | {here} | {other} | {true} |")

@@ -482,7 +482,7 @@ LINES_OF_A_MODULE, PARAMETERS = 420, 8
 TOKENS_MAX = {
     ".": 8054,
     "bench": 23369,
-    "benchmarks": 31961,
+    "benchmarks": 31944,
     "camera": 24845,
     "cli": 21470,
     "core": 24509,
@@ -490,7 +490,7 @@ TOKENS_MAX = {
     "examples": 8792,
     "files": 19161,
     "gradient": 4264,
-    "lab": 68144,
+    "lab": 69033,
     "optics": 17471,
     "output": 25593,
     "pages": 3350,
@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13941,
     "stages": 32899,
     "study": 9256,
-    "tests": 359258,
+    "tests": 357200,
     "theory": 14686,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

@@ -17,7 +17,7 @@ from mitsuba_sensor.lab.frames.stack import (
     rounding_shift_dn,
 )
 from mitsuba_sensor.lab.measure.correlation import correlation
-from mitsuba_sensor.lab.measure.curved_response import CURVED
+from mitsuba_sensor.lab.measure.curved_response import CURVED_SIGMAS
 from mitsuba_sensor.lab.measure.dark_current import dark_current
 from mitsuba_sensor.lab.measure.dark_noise import dark_noise
 from mitsuba_sensor.lab.measure.emva_linear import emva_linear
@@ -47,7 +47,7 @@ def test_rounding_moves_mean_and_variance_by_no_more_than_is_said(
     chance = np.diff([[math.erf(x / 2**0.5) / 2 for x in pair] for pair in edges], axis=1)[:, 0]
     mean = float(chance @ codes)
     variance = float(chance @ (codes - mean) ** 2)
-    assert abs(mean - place) <= CURVED * rounding_shift_dn(variance) + 1e-9
+    assert abs(mean - place) <= CURVED_SIGMAS * rounding_shift_dn(variance) + 1e-9
     error = rounding_error_dn2(variance)
     assert abs(variance - noise_dn**2 - 1 / 12) <= 1.01 * error + 1e-9 or variance < COARSE_DN2
 
