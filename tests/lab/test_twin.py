@@ -75,7 +75,7 @@ def test_a_twin_stands_next_to_its_datasheet(bench: Bench, trips: ModuleType) ->
     assert all(abs(row.z) < 4 for symbol, row in rows.items() if symbol not in chip), rows
     wrong = camera.replace(**{"adc.full_scale_v": 1.05 * camera.adc.full_scale_v})
     assert {row.twin.symbol: row.z for row in twin.beside(wrong)}["K"] > 4
-    with pytest.raises(ms.InputError, match="read-?outs"):
+    with pytest.raises(ms.InputError, match=r"read-?outs"):
         twin.beside(ms.load_camera("scmos_dual_gain"))
 
 
