@@ -70,11 +70,11 @@ def test_below_024_dn2_there_are_bounds_and_no_temporal_figures(
     assert current.from_mean.covers(0.0)
 
 
-@pytest.mark.parametrize(("cameras", "most"), [(24, 6), exhaustive(200, 19)])
+@pytest.mark.parametrize(("cameras", "most"), [(14, 4), exhaustive(200, 19)])
 def test_intervals_above_the_rule_hold_and_below_it_there_is_no_figure(
     cameras: int, most: int
 ) -> None:
-    """Noise of 0.1 to 1.5 DN, offsets of 0 to 1 DN. Right 95 % intervals of 24 miss more than 6 once in 2500 for each
+    """Noise of 0.1 to 1.5 DN, offsets of 0 to 1 DN. Right 95 % intervals of 14 miss more than 4 once in 2500 for each
     figure, of 200 more than 19 once in 200."""
     rng, missed = np.random.default_rng(3), dict.fromkeys(("K", "η", "σ_d", "µ_I"), 0)
     for _ in range(cameras):
@@ -95,7 +95,7 @@ def test_intervals_above_the_rule_hold_and_below_it_there_is_no_figure(
 
 def test_spatial_figures_of_coarse_codes_hold_the_pattern_or_have_no_value() -> None:
     """100 sensors of 40 × 50 pixels, temporal noise of 0.05 to 1 DN, patterns of 0.1 to 5 DN: 88 % of right intervals
-    are held, fewer once in 1000 of 80."""
+    are held, fewer once in 1000 of 80. A pattern above 1 DN is always measurable."""
     rng = np.random.default_rng(15)
     holds: dict[str, list[bool]] = {"dsnu_pixel": [], "prnu_pixel": []}
     for _ in range(100):
@@ -111,8 +111,10 @@ def test_spatial_figures_of_coarse_codes_hold_the_pattern_or_have_no_value() -> 
             figure = getattr(found, name)
             if math.isfinite(figure.value):
                 holds[name].append(figure.covers(known))
+            else:
+                assert pattern < 1 and figure.note
     for name, held in holds.items():
-        assert len(held) > 40 and np.mean(held) > 0.88, (name, len(held), np.mean(held))
+        assert len(held) > 55 and np.mean(held) > 0.88, (name, len(held), np.mean(held))
 
 
 def test_a_twin_of_coarse_frames_says_what_it_assumes_and_the_threshold_is_a_bound() -> None:

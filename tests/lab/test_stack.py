@@ -100,17 +100,12 @@ def test_a_variance_in_electrons_has_the_interval_of_k_squared() -> None:
     ("facts", "named"),
     [
         ({"frames": np.zeros((3, 4))}, "shape"),
-        ({"frames": np.zeros((0, 4, 4))}, "shape"),
         ({"frames": np.zeros((2, 2, 2), bool)}, "frames are bool"),
         ({"frames": np.full((1, 1, 2), np.nan)}, "NaN or infinite in 2 place"),
-        ({"frames": [[[1]]]}, "frames are list"),
         ({"exposure_s": math.nan}, "exposure_s is nan"),
-        ({"photons": math.nan}, "photons is NaN"),
         ({"photons": -1.0}, "from -1"),
         ({"photons": np.ones(3)}, "photons has shape"),
-        ({"photons": "many"}, "photons"),
         ({"bits": 12.5}, "bits is 12.5"),
-        ({"bits": 10**5000}, "bits"),
     ],
 )
 def test_impossible_facts_of_a_stack_are_refused(facts: dict[str, Any], named: str) -> None:

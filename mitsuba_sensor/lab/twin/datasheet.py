@@ -15,6 +15,9 @@ from ..quantity import TWO_SIDED, Quantity
 if TYPE_CHECKING:
     from ...camera.camera import Camera
 
+STANDARD_DEVIATIONS = "σ_", "DSNU", "PRNU"
+"""Beginnings of the symbols of standard deviations."""
+
 
 class DatasheetRow(NamedTuple):
     """A measured figure of a twin and the value of a datasheet in the same unit."""
@@ -24,8 +27,14 @@ class DatasheetRow(NamedTuple):
 
     @property
     def z(self) -> float:
-        """Difference in standard errors, from the side of the interval that is nearer to the datasheet."""
-        twin, difference = self.twin, self.twin.value - self.datasheet
+        """Difference in standard errors, from the side of the interval that is nearer to the datasheet.
+
+        Standard deviations are compared by their squares, which have a normal distribution near 0.
+        """
+        twin, datasheet = self.twin, self.datasheet
+        if twin.symbol.startswith(STANDARD_DEVIATIONS):
+            twin, datasheet = twin.mapped(lambda x: x**2), datasheet**2
+        difference = twin.value - datasheet
         half = twin.value - twin.low if difference > 0 else twin.high - twin.value
         if half > 0:
             return TWO_SIDED * difference / half

@@ -40,13 +40,15 @@ XYZ_STEP = 1e-6
 class ColourChart(Figures):
     """Results of a chart of known colours.
 
-    measured_lab, reference_lab : CIELAB of the patches in daylight, shape (P, 3).  matrix : from values to XYZ, (3, C).
+    measured_lab, reference_lab : CIELAB of the patches in daylight, shape (P, 3).  colours : of the reference in sRGB.
+    matrix : from values to XYZ, (3, C).
     delta_e : ΔE00 of each patch including noise, (P,).  mean, largest : of these, without the contribution of noise.
     balance : error of the white balance of each channel relative to the second [%].
     """
 
     measured_lab: Float64Array
     reference_lab: Float64Array
+    colours: Float64Array
     matrix: Float64Array
     delta_e: Float64Array
     mean: Quantity
@@ -57,9 +59,13 @@ class ColourChart(Figures):
         """Plot the patches in the a*b* plane: circles for the reference, lines to the colours of the camera."""
         reference, measured = self.reference_lab[:, 1:].T, self.measured_lab[:, 1:].T
         ax.plot([reference[0], measured[0]], [reference[1], measured[1]], color="0.4", lw=1)
-        colours = _displayed(self.reference_lab)
         ax.scatter(
-            reference[0], reference[1], c=colours, s=60, edgecolors="0.4", label="reference"
+            reference[0],
+            reference[1],
+            c=self.colours,
+            s=60,
+            edgecolors="0.4",
+            label="reference",
         )
         ax.scatter(measured[0], measured[1], c="k", s=6, label="camera")
         ax.set(xlabel="a*", ylabel="b*")
@@ -129,7 +135,10 @@ def colour_chart(
     mean, largest = _differences(fit, patches.errors, reference_lab)
     balance = _balance(patches, greys, white_balance)
     delta_e = spectra.delta_e_2000(fit.lab, reference_lab)
-    return ColourChart(fit.lab, reference_lab, fit.matrix, delta_e, mean, largest, balance)
+    colours = spectra.srgb_curve(np.clip(reference @ spectra.XYZ_TO_SRGB.T, 0, 1))
+    return ColourChart(
+        fit.lab, reference_lab, colours, fit.matrix, delta_e, mean, largest, balance
+    )
 
 
 def _measure(pixels: Float64Array, regions: Sequence[Region]) -> _Patches:
@@ -253,12 +262,3 @@ def _balance(
         interval = normal_interval(100 * (ratio - 1), 100 * float(error))
         quantities.append(Quantity(f"WB_{channel}", name, *interval, "%", BALANCE))
     return tuple(quantities)
-
-
-def _displayed(lab: Float64Array) -> Float64Array:
-    """Return approximate screen colours of CIELAB in daylight."""
-    middle = (lab[:, :1] + 16) / 116
-    offsets = lab[:, 1:] / [500.0, -200.0]
-    roots = np.column_stack([middle + offsets[:, :1], middle, middle + offsets[:, 1:]])
-    linear = np.clip(roots, 0, None) ** 3 * spectra.D65_XYZ @ spectra.XYZ_TO_SRGB.T
-    return spectra.srgb_curve(np.clip(linear, 0, 1))

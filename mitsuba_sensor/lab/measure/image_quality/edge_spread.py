@@ -15,7 +15,7 @@ fitted, and stays in the image.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -235,39 +235,16 @@ class EdgeSpread:
 def fit_edge_spread(samples: Samples, line: EdgeLine) -> EdgeSpread:
     """Fit the spline and the edge together (Gauss–Newton). Raises InputError for edges that it cannot resolve."""
     knots = _knots(line.distance(samples.x, samples.y))
-    order = len(line.coefficients) - 1
-    scale = max(float(np.ptp(samples.y)), 1.0)
     for _ in range(STEPS):
-        spread = _fit_spline(samples, line, knots, scale)
-        shift = spread.solution[len(knots) - DEGREE - 1 :] / scale ** np.arange(1, order + 1)
+        spread, shift = _fit_spline(samples, line, knots)
         line = line.moved(-shift)
-    size = len(knots) - DEGREE - 1
-    coefficients = spread.solution[:size]
-    residual = samples.values[spread.inside] - spread.basis @ coefficients
-    return EdgeSpread(
-        line,
-        knots,
-        coefficients,
-        spread.inside,
-        spread.basis,
-        spread.moves,
-        spread.inverse[:size],
-        residual,
-    )
+    return replace(spread, line=line)
 
 
-class _Normal(NamedTuple):
-    """Solution of the normal equations of one step, with their parts."""
-
-    solution: Float64Array
-    inside: NDArray[np.bool_]
-    basis: scipy.sparse.csr_array
-    moves: Float64Array
-    inverse: Float64Array
-
-
-def _fit_spline(samples: Samples, line: EdgeLine, knots: Float64Array, scale: float) -> _Normal:
-    """Fit the spline and small shifts of the edge by least squares."""
+def _fit_spline(
+    samples: Samples, line: EdgeLine, knots: Float64Array
+) -> tuple[EdgeSpread, Float64Array]:
+    """Fit the spline and a small shift of the edge by least squares, and return the coefficients of the shift."""
     distance = line.distance(samples.x, samples.y)
     half = knots[-1 - DEGREE]
     inside = np.abs(distance) < half * (1 - 1e-9)
@@ -279,13 +256,14 @@ def _fit_spline(samples: Samples, line: EdgeLine, knots: Float64Array, scale: fl
     square += SMOOTHING * np.trace(square) / size * third.T @ third
     right = basis.T @ values
     first = scipy.interpolate.BSpline(knots, np.linalg.solve(square, right), DEGREE)
-    powers = (samples.y[inside] / scale)[:, None] ** np.arange(1, len(line.coefficients))
-    moves = first.derivative()(near)[:, None] * powers
+    scale, powers = max(float(np.ptp(samples.y)), 1.0), np.arange(1, len(line.coefficients))
+    moves = first.derivative()(near)[:, None] * (samples.y[inside] / scale)[:, None] ** powers
     mixed = basis.T @ moves
-    whole = np.block([[square, mixed], [mixed.T, moves.T @ moves]])
-    inverse = np.linalg.inv(whole)
+    inverse = np.linalg.inv(np.block([[square, mixed], [mixed.T, moves.T @ moves]]))
     solution = inverse @ np.concatenate([right, moves.T @ values])
-    return _Normal(solution, inside, basis, moves, inverse)
+    coefficients = solution[:size]
+    fitted = coefficients, inside, basis, moves, inverse[:size], values - basis @ coefficients
+    return EdgeSpread(line, knots, *fitted), solution[size:] / scale**powers
 
 
 def _knots(distance: Float64Array) -> Float64Array:
