@@ -171,7 +171,9 @@ def flat_fields_under_light_that_flickers_before_a_rolling_shutter() -> None:
     for symbol in ("PRNU1288", "PRNU1288_row", "σ/µ"):
         assert math.isnan(figures[symbol].value)
         assert "flickering light in front of a rolling shutter" in figures[symbol].note
-    assert any("flickering light in front of a rolling shutter" in note for note in measured.notes)
+    assert any(
+        "flickering light in front of a rolling shutter" in note for note in measured.notes
+    )
 
 
 def names_of_inputs() -> set[str]:

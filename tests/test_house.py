@@ -490,7 +490,7 @@ TOKENS_MAX = {
     "examples": 8792,
     "files": 19161,
     "gradient": 4264,
-    "lab": 69033,
+    "lab": 68930,
     "optics": 17471,
     "output": 25593,
     "pages": 3350,
@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13941,
     "stages": 32899,
     "study": 9256,
-    "tests": 357200,
+    "tests": 357136,
     "theory": 14686,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

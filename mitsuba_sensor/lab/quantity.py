@@ -32,8 +32,8 @@ class Quantity:
         print(gain, gain.covers(0.245))
 
     symbol, name : those of EMVA 1288 R4 or of the source (``K``, ``overall system gain``).
-    value, low, high : value and ends of the 95 % interval, in ``unit``; NaN if nothing could be measured. A bound has
-        no value: an upper bound has a finite ``high``, a lower bound a ``low`` above 0 and an infinite ``high``.
+    value, low, high : value and ends of the 95 % interval, in ``unit``; NaN if nothing could be measured. An upper
+        bound has no value and a finite ``high``; a lower bound has an infinite ``high`` and ``value`` equal to ``low``.
     section : place of the definition (``EMVA 1288 R4 6.6``).
     note : what restricts the value (quantisation, few frames, saturation), or an empty text.
     clipped : True if there is no value because values of the frames are clipped.
@@ -58,16 +58,15 @@ class Quantity:
     def __str__(self) -> str:
         """``K = 0.1241 DN/e- (0.1239 to 0.1243; EMVA 1288 R4 6.6)``, ``σ_d < 3.2 e- (…)``, ``K not measurable (…)``."""
         remarks = "; ".join(filter(None, (self.section, self.note)))
-        if math.isnan(self.value):
+        if math.isnan(self.value) or self.is_lower_bound:
             return f"{self.symbol} {self.shown} ({remarks})"
         return f"{self.symbol} = {self.shown} ({self.low:.4g} to {self.high:.4g}; {remarks})"
 
     @property
     def shown(self) -> str:
         """Text of the value with its unit: ``0.1241 DN/e-``, ``< 3.2 e-``, ``≥ 900 = 59.1 dB``, ``not measurable``."""
-        number, sign = self.value, ""
-        if self.is_bound:
-            number, sign = (self.high, "< ") if math.isfinite(self.high) else (self.low, "≥ ")
+        number, sign = (self.high, "< ") if self.is_bound else (self.value, "")
+        sign = "≥ " if self.is_lower_bound else sign
         if math.isnan(number):
             return "not measurable"
         text = f"{sign}{number:.4g} {self.unit}".rstrip()
@@ -82,8 +81,13 @@ class Quantity:
 
     @property
     def is_bound(self) -> bool:
-        """Return True if only an upper or only a lower bound is known."""
-        return math.isnan(self.value) and (self.low > 0 or math.isfinite(self.high))
+        """Return True if only an upper bound is known: no value, but a finite ``high``."""
+        return math.isnan(self.value) and math.isfinite(self.high)
+
+    @property
+    def is_lower_bound(self) -> bool:
+        """Return True if only a lower bound is known: ``value`` and ``low`` are that bound, ``high`` is infinite."""
+        return self.value == self.low and math.isinf(self.high)
 
     def covers(self, value: float) -> bool:
         """Return True if the interval contains this value. Raises InputError unless it is one number."""
@@ -204,12 +208,12 @@ def quotient(above: Quantity, below: Quantity, like: Quantity) -> Quantity:
     """
     sentences = [text for figure in (like, above, below) for text in figure.note.split("; ")]
     notes = "; ".join(filter(None, dict.fromkeys(sentences)))
-    if above.is_bound or below.is_bound:
+    if any(figure.is_bound or figure.is_lower_bound for figure in (above, below)):
         low = above.low / below.high
         high = above.high / below.low if below.low > 0 else math.inf
-        bound = replace(like, value=math.nan, low=low, high=high, note=notes)
-        if bound.is_bound:
-            return bound
+        value = low if math.isinf(high) else math.nan
+        if math.isfinite(high) or low > 0:
+            return replace(like, value=value, low=low, high=high, note=notes)
     if not (above.value > 0 and below.value > 0 and below.low > 0):
         notes = notes or f"{above.symbol} or {below.symbol} is not known"
         return replace(like, note=notes).without_value(clipped=above.clipped or below.clipped)

@@ -84,7 +84,7 @@ def test_levels_below_saturation_give_lower_bounds() -> None:
     found = emva_linear(darks, flats[:15])
     for symbol, true in (("µ_e.sat", 10_000), ("µ_p.sat", 10_000 / 0.6), ("DR", 1500)):
         figure = found[symbol]
-        assert figure.is_bound and 0.3 * true < figure.low < true, str(figure)
+        assert figure.is_lower_bound and 0.3 * true < figure.low < true, str(figure)
         assert f"{symbol} ≥" in str(figure)
 
 

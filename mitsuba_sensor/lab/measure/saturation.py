@@ -45,7 +45,7 @@ class Peak:
             float(np.interp(mean, means[order], values[order])) for mean in self.mean
         )
         if self.limited_by == "not reached":
-            return math.nan, value, math.inf
+            return value, value, math.inf
         return value, min(low, value), max(high, value)
 
 
