@@ -482,7 +482,7 @@ LINES_OF_A_MODULE, PARAMETERS = 420, 8
 TOKENS_MAX = {
     ".": 8033,
     "bench": 23268,
-    "benchmarks": 25376,
+    "benchmarks": 25804,
     "camera": 25124,
     "cli": 21392,
     "core": 24260,
@@ -490,7 +490,7 @@ TOKENS_MAX = {
     "examples": 8792,
     "files": 18674,
     "gradient": 4239,
-    "lab": 68144,
+    "lab": 68930,
     "optics": 17358,
     "output": 24845,
     "pages": 3425,
@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13969,
     "stages": 32256,
     "study": 9186,
-    "tests": 358878,
+    "tests": 356757,
     "theory": 14644,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
