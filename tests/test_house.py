@@ -482,13 +482,13 @@ LINES_OF_A_MODULE, PARAMETERS = 420, 8
 TOKENS_MAX = {
     ".": 8054,
     "bench": 23369,
-    "benchmarks": 23476,
+    "benchmarks": 24180,
     "camera": 24845,
     "cli": 21470,
     "core": 24509,
     "dataset": 43283,
     "examples": 8792,
-    "files": 18674,
+    "files": 18696,
     "gradient": 4264,
     "lab": 68144,
     "optics": 17471,
@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13941,
     "stages": 32899,
     "study": 9256,
-    "tests": 359183,
+    "tests": 357963,
     "theory": 14686,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
