@@ -105,16 +105,7 @@ def main() -> None:
     options.engines = [name for name in options.engines if name not in refused]
     parts = {name: PARTS[name](options) for name in options.parts}
     results = {**machine(), "turns": options.turns, "refused": refused, **parts}
-    if options.json:
-        print(json.dumps(results))
-        return
-    print(f"{results['processor']}, {results['cpus']} CPUs, {options.turns} turns")
-    for name, why in refused.items():
-        print(f"{name}: {why}")
-    for part, rows in parts.items():
-        print(f"\n{part}")
-        for line in lines(rows):
-            print("  " + line)
+    print(json.dumps(results) if options.json else "\n".join(lines(results)))
 
 
 def parsed() -> argparse.Namespace:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special, stats
+from timing import lines
 
 from mitsuba_sensor.core.drjit_backend import DrJitBackend
 from mitsuba_sensor.core.llvm import backend_problem
@@ -56,7 +57,7 @@ def main() -> int:
         "zero_mean_is_zero": only_zeros(backend, stride),
         "normal": check_normal(backend, stride),
     }
-    print(json.dumps(result)) if options.json else show(result)
+    print(json.dumps(result) if options.json else "\n".join(lines(result)))
     return (
         0
         if result["zero_mean_is_zero"]
@@ -176,21 +177,6 @@ def check_normal(backend: DrJitBackend, stride: int) -> dict[str, Any]:
     }  # the tails beyond the last inputs
     within_limits = all(abs(found[name]) <= limits[name] for name in limits)
     return {**found, "limits": limits, "within_limits": within_limits}
-
-
-def show(result: dict[str, Any]) -> None:
-    """Print the table."""
-    print(f"{result['inputs']} inputs: Poisson counts compared with the exact distribution")
-    print("       mean   total variation   error of the mean   of the variance")
-    for r in result["poisson"]:
-        numbers = f"{r['electrons']:11.6g}   {r['variation']:15.2e}   {r['mean']:17.2e}   {r['variance']:15.2e}"
-        print(f"{numbers}   {'ok' if r['within_limits'] else 'ABOVE THE LIMIT'}")
-    print(f"mean 0 gives {'only zeros' if result['zero_mean_is_zero'] else 'NOT ONLY ZEROS'}")
-    n = result["normal"]
-    print(
-        f"normal: mean {n['mean']:.1e}, variance 1 {n['variance']:+.2e}, largest error {n['largest_error']:.2e}   "
-        f"{'ok' if n['within_limits'] else 'ABOVE THE LIMIT'}"
-    )
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from cases import EXPOSURE, full_chain, photon_map, reference_qe, shape_of, shot_read_quantise
 from numpy.typing import NDArray
+from timing import lines
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.frame import Frame
@@ -225,14 +226,7 @@ def main() -> None:
         name: compare(camera, options.electrons, options.mpx, options.frames)
         for name, camera in cameras.items()
     }
-    if options.json:
-        print(json.dumps(results))
-        return
-    for name, result in results.items():
-        print(
-            f"{name:18} means differ by at most {result['mean_z']:.1f} and variances by {result['variance_z']:.1f} "
-            f"standard errors in any band: {'agrees' if result['agrees'] else f'above the limit of {LIMIT:g}'}"
-        )
+    print(json.dumps(results) if options.json else "\n".join(lines(results)))
 
 
 if __name__ == "__main__":
