@@ -73,7 +73,7 @@ def main() -> None:
 
 
 def of_scene(scene: Path, options: argparse.Namespace) -> list[Row]:
-    """One row for each number of samples."""
+    """Return one row for each number of samples."""
     asked = {"wavelength_nm": 550, "width": options.width}
     job = prepare(scene, CAMERA, ms.Exposure(1.0), **asked)
     _, pilot, *_ = made(job, PILOT_SPP, 0, denoise=False)
@@ -99,7 +99,7 @@ def of_scene(scene: Path, options: argparse.Namespace) -> list[Row]:
 
 
 def made(job: PreparedRender, spp: int, seed: int, denoise: bool) -> Made:
-    """One render, whose light is denoised or not."""
+    """Render once, with or without denoising."""
     started = time.process_time()
     decided = replace(job, options={**job.options, "denoise": denoise})
     light = decided.render(hashed_seed(seed, spp, 0), stop_criterion_of({"spp": spp}))

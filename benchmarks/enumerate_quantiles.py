@@ -67,14 +67,14 @@ def main() -> int:
 
 
 def mean_number(text: str) -> float:
-    """A mean whose counts float32 can represent: whole numbers up to 2²⁴."""
+    """Parse a mean whose counts float32 can represent: whole numbers up to 2²⁴."""
     if not 0 < float(text) <= 1e7:
         raise argparse.ArgumentTypeError(f"{text} is not above 0 and at most 1e7")
     return float(text)
 
 
 def chunks(backend: DrJitBackend, stride: int, share: int = 1) -> Iterator[tuple[Any, str]]:
-    """Every ``stride``-th of the lower 1/share of all inputs, in arrays of up to 2²⁴, and the progress."""
+    """Yield every ``stride``-th of the lower 1/share of all inputs, in arrays of up to 2²⁴, and the progress."""
     total = -(-ALL // (stride * share))
     for start in range(0, total, CHUNK):
         number = backend.dr.arange(backend.uint, min(CHUNK, total - start))
@@ -95,7 +95,7 @@ def show_progress(text: str) -> None:
 def poisson_counts(
     backend: DrJitBackend, mean: float, stride: int
 ) -> tuple[int, NDArray[np.int64]]:
-    """The lowest count of the histogram, and the histogram of all counts."""
+    """Return the lowest count of the histogram, and the histogram of all counts."""
     dr, reach = backend.dr, 7 * math.sqrt(mean) + 20
     lowest = max(0, math.floor(mean - reach))
     seen = np.zeros(math.ceil(mean + reach) - lowest, dtype=np.int64)
@@ -114,7 +114,7 @@ def poisson_counts(
 
 
 def poisson_limits(mean: float, inputs: int) -> dict[str, float]:
-    """Limits of the total variation distance, and of the relative errors of mean and variance.
+    """Return the limits of the total variation distance and of the relative errors of mean and variance.
 
     Each input counts as a whole, which gives an error of up to half an input. With a stride, each of the counts within
     ±6σ may begin up to half a stride away from its exact place.
@@ -129,7 +129,7 @@ def poisson_limits(mean: float, inputs: int) -> dict[str, float]:
 
 
 def check_poisson(backend: DrJitBackend, mean: float, stride: int) -> dict[str, Any]:
-    """Total variation distance ½Σ|p − q| to the exact distribution, and the relative errors of mean and variance."""
+    """Return the total variation distance ½Σ|p − q| to the exact distribution, and relative errors of mean and variance."""
     lowest, seen = poisson_counts(backend, mean, stride)
     n, share = lowest + np.arange(seen.size), seen / seen.sum()
     exact = stats.poisson.pmf(n, mean)
@@ -146,7 +146,7 @@ def check_poisson(backend: DrJitBackend, mean: float, stride: int) -> dict[str, 
 
 
 def only_zeros(backend: DrJitBackend, stride: int) -> bool:
-    """Whether every input gives exactly 0 for the mean 0."""
+    """Return True if every input gives exactly 0 for the mean 0."""
     for bits, progress in chunks(backend, stride):
         show_progress(f"Poisson, mean 0: {progress}")
         if not backend.dr.all(
@@ -157,7 +157,7 @@ def only_zeros(backend: DrJitBackend, stride: int) -> bool:
 
 
 def check_normal(backend: DrJitBackend, stride: int) -> dict[str, Any]:
-    """Mean, variance − 1, and the largest error relative to SciPy; z of an input is −z of its complement."""
+    """Return mean, variance − 1, and the largest error relative to SciPy; z of an input is −z of its complement."""
     count, total, squares, largest = 0, 0.0, 0.0, 0.0
     for bits, progress in chunks(backend, stride, share=2):
         show_progress(f"normal: {progress}")

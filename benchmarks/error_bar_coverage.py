@@ -30,7 +30,7 @@ CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.02)
 
 
 def reference(scene: str, passes: int, size: int) -> np.ndarray:
-    """∫L dλ over the band by plain Mitsuba, (size, size) [W m⁻² sr⁻¹]."""
+    """Return ∫L dλ over the band by plain Mitsuba, shape (size, size) [W m⁻² sr⁻¹]."""
     mi = use(choose_variant())
     loaded = mi.load_file(
         str(ROOT / "scenes" / f"{scene}.xml"), width=str(size), height=str(size)
@@ -46,7 +46,7 @@ def reference(scene: str, passes: int, size: int) -> np.ndarray:
 def coverage(
     scene: str, spp: int, radiance: np.ndarray, seed: int = 7
 ) -> tuple[float, float, ms.Irradiance]:
-    """Fractions of the pixels with |z| < 1 and < 2 for a reference radiance, and the render."""
+    """Return the fractions of pixels with |z| < 1 and |z| < 2 for a reference radiance, and the render."""
     path, size = (
         ROOT / "scenes" / f"{scene}.xml",
         {"width": len(radiance), "height": len(radiance)},

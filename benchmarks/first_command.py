@@ -44,7 +44,7 @@ def main() -> None:
 
 
 def once(variant: str, width: int) -> dict[str, Any]:
-    """One whole process: seconds, seconds of rendering, and peak memory."""
+    """Run one process; return its seconds, seconds of rendering, and peak memory."""
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as output:
         arguments = [
             "render",
@@ -76,7 +76,7 @@ def once(variant: str, width: int) -> dict[str, Any]:
 
 
 def digest(runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """The first run, and the median of the others."""
+    """Return the first run, and the median of the other runs."""
     for run in runs:
         if "error" in run:
             return run
