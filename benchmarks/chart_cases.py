@@ -137,7 +137,7 @@ def contrast_case(rng: np.random.Generator) -> Cases:
 
 
 def flicker_case(rng: np.random.Generator) -> Cases:
-    """Yield figures of sine, pulse, triangle or steady light in 4 to 240 frames at random phases, with noise and PRNU."""
+    """Yield figures of sine, pulse, triangle or steady light at random phases, with noise and PRNU."""
     count, side = int(rng.choice([4, 16, 60, 240])), int(rng.choice([4, 12, 20]))
     phase = rng.random(count)
     depth, duty, share = rng.uniform(0.05, 0.9), rng.uniform(0.2, 0.8), rng.uniform(0.2, 0.8)

@@ -129,7 +129,7 @@ def poisson_limits(mean: float, inputs: int) -> dict[str, float]:
 
 
 def check_poisson(backend: DrJitBackend, mean: float, stride: int) -> dict[str, Any]:
-    """Return the total variation distance ½Σ|p − q| to the exact distribution, and relative errors of mean and variance."""
+    """Return the total variation distance ½Σ|p − q|, and the relative errors of mean and variance."""
     lowest, seen = poisson_counts(backend, mean, stride)
     n, share = lowest + np.arange(seen.size), seen / seen.sum()
     exact = stats.poisson.pmf(n, mean)

@@ -132,7 +132,7 @@ class PlainChain:
         return np.minimum(electrons, self.full_well_e, out=electrons)
 
     def _swing_v(self, electrons: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return volts after sense node, reset noise, source follower, column DSNU, CDS gain and integral non-linearity."""
+        """Return volts after sense node, reset noise, source follower, column DSNU, CDS gain and INL."""
         swing = self.v_per_e * electrons
         if self.node_swing_v:
             swing = -self.node_swing_v * np.expm1(swing / -self.node_swing_v)

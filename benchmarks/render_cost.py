@@ -102,7 +102,7 @@ def processes(case: tuple[str, int, int], count: int, of: Sequence[str]) -> dict
 
 
 def summary(found: dict[str, list[Seconds]]) -> dict[str, Seconds]:
-    """Return medians, and processor seconds relative to plain Mitsuba, to the same sampler, and to the colour filters."""
+    """Return medians, and processor seconds relative to plain Mitsuba, the same sampler and colour filters."""
     medians = {
         kind: {name: statistics.median(one[name] for one in runs) for name in runs[0]}
         for kind, runs in found.items()
