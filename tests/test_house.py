@@ -482,13 +482,13 @@ LINES_OF_A_MODULE, PARAMETERS = 420, 8
 TOKENS_MAX = {
     ".": 8033,
     "bench": 23268,
-    "benchmarks": 25804,
+    "benchmarks": 24924,
     "camera": 25124,
     "cli": 21392,
     "core": 24260,
     "dataset": 43354,
     "examples": 8792,
-    "files": 18674,
+    "files": 18696,
     "gradient": 4239,
     "lab": 68930,
     "optics": 17358,
@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13969,
     "stages": 32256,
     "study": 9186,
-    "tests": 356757,
+    "tests": 355676,
     "theory": 14644,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
