@@ -494,12 +494,12 @@ TOKENS_MAX = {
     "optics": 17358,
     "output": 24845,
     "pages": 3425,
-    "render": 79540,
+    "render": 79567,
     "reproduction": 12087,
     "sensor": 13969,
     "stages": 32256,
     "study": 9186,
-    "tests": 355676,
+    "tests": 355826,
     "theory": 14644,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
