@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from ..core import InputError, nearest
 from ..stages.chain import ORDER
 from ..stages.datasheet import SensorSection
-from ..stages.diffusion import WIDEST_PX
+from ..stages.diffusion import SIGMA_MAX_PX
 from ..stages.gains import full_well_swing_v, gain_dn_per_e, sense_gain_v_per_e
 from ..stages.stage import Datasheet
 
@@ -51,10 +51,10 @@ def wrong_diffusion(camera: Datasheet) -> Iterator[str]:
     """Sentences where electrons diffuse further than the shares of the neighbours reach."""
     smaller_um = min(camera.pixel.pitch_x_um, camera.pixel.pitch_y_um)
     widest_um = max(camera.quantum_efficiency.diffusion_um or (0.0,))
-    if widest_um > WIDEST_PX * smaller_um:
+    if widest_um > SIGMA_MAX_PX * smaller_um:
         yield (
             f"quantum_efficiency.diffusion_um is up to {widest_um:g}, {widest_um / smaller_um:.3g} pixels of "
-            f"{smaller_um:g} µm; it may be up to {WIDEST_PX:g} pixels, {WIDEST_PX * smaller_um:g}"
+            f"{smaller_um:g} µm; it may be up to {SIGMA_MAX_PX:g} pixels, {SIGMA_MAX_PX * smaller_um:g}"
         )
 
 

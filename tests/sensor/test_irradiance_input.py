@@ -96,13 +96,3 @@ def test_the_test_lights_are_what_they_are_called() -> None:
     ramp[0, 0] = 7.0
     assert ramp[1, 0] == 0.001
     assert ms.gradient_light(0.009, 0.001, (1, 2))[0, 0] == 0.009
-
-
-def test_infinite_light_saturates_and_no_time_collects_none_of_it() -> None:
-    light = np.array([[np.inf, 0.001]])
-    assert np.isinf(ms.collect(light, TABLE1, EXPOSURE).total[0, 0])
-    assert (
-        ms.expose(ms.collect(light, TABLE1, EXPOSURE), TABLE1, EXPOSURE).digital[0, 0, 0]
-        == 4095
-    )
-    np.testing.assert_array_equal(ms.collect(light, TABLE1, ms.Exposure(0.0)).mean, 0.0)

@@ -46,17 +46,6 @@ def test_one_bright_pixel_shows_the_kernel(precision: str) -> None:
     np.testing.assert_allclose(shown, expected, rtol=1e-6)
 
 
-@pytest.mark.exhaustive
-def test_galsim_couples_the_same_image_the_same_way() -> None:
-    """Its kernel is of correlation and ours symmetric. At the edges it takes light from nowhere."""
-    galsim = pytest.importorskip("galsim")
-    charge = np.random.default_rng(3).poisson(2000.0, (30, 40)).astype(np.float64)
-    image = galsim.ImageD(charge.copy())
-    image.applyIPC(galsim.ImageD(KERNEL))
-    shown = coupled(charge, InterPixelCapacitance(SIDE, CORNER))
-    np.testing.assert_allclose(shown[1:-1, 1:-1], image.array[1:-1, 1:-1], rtol=1e-12)
-
-
 @pytest.mark.parametrize("shape", [(1, 1), (1, 2), (2, 1), (1, 50), (50, 1), (2, 2), (30, 41)])
 @pytest.mark.parametrize("stage", [(0.2, 0.0), (0.12, 0.1), (0.02, 0.005), (0.0, 0.1)])
 def test_charge_is_conserved_and_a_flat_field_stays_flat_up_to_the_edge(
