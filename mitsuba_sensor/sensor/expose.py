@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,14 +30,17 @@ from .checks import as_photons, check_numbers, placed
 from .detection import Detected, DetectedByKernel, checked_and_detected, detected_by_kernel
 from .fpn_maps import checked_maps
 from .frame_notes import exposure_notes
-from .frames import CLIPPED, KEEP, PlannedChain, RawFrames
+from .frames import CLIPPED, KEEP, RawFrames
 from .options import ExposeOptions
 from .precision import precision_of
 from .run import FrameRunner, StripWindows, choose_backend
 
+if TYPE_CHECKING:
+    from ..theory.plan import Plan
+
 MEMORY_TO_ASK_FOR = 2**24
 """Frames below this size [byte] skip the look at free memory, which costs a tenth of a small frame."""
-Planner: TypeAlias = Callable[[Camera, Detected, Frame], PlannedChain]
+Planner: TypeAlias = Callable[[Camera, Detected, Frame], "Plan"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +58,7 @@ class PreparedExposure:
     first: Frame
     count: int
     keep: tuple[str, ...]
-    plan: PlannedChain | None = None
+    plan: Plan | None = None
     planner: Planner | None = None
     light: Detected | DetectedByKernel | None = None
     strips: StripWindows | None = None
@@ -234,7 +237,7 @@ def _checked_names(keep: Any) -> tuple[str, ...]:
     return wanted
 
 
-def _chain_of(camera: Camera, plan: PlannedChain | None) -> Chain:
+def _chain_of(camera: Camera, plan: Plan | None) -> Chain:
     """Return the chain that the plan leaves of this camera, or the whole chain. Raises InputError."""
     if plan is None:
         return camera.stages

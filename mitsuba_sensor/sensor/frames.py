@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from ..stages.stage import Chain
 from .detection import Detected
 from .run import INPUT_REFERRED
 
+if TYPE_CHECKING:
+    from ..theory.plan import Plan
+
 KEEP = ("photons", "photoelectrons", "dark_electrons", "electrons", "volts", INPUT_REFERRED)
 """Intermediate signals for ``expose(keep=…)``: mean photons of all bands; photoelectrons, dark electrons and their sum
 in the well [e-]; swing at the ADC [V]; that swing as electrons at the input [e-]."""
@@ -23,25 +26,6 @@ in the well [e-]; swing at the ADC [V]; that swing as electrons at the input [e-
 
 CLIPPED = ("clipped_full_well", "clipped_adc_low", "clipped_adc_high")
 """Causes of clipping that every frame counts."""
-
-
-class PlannedChain(Protocol):
-    """The chain that a plan (theory/plan.py) leaves of a camera."""
-
-    @property
-    def camera(self) -> str:
-        """Name of the camera."""
-
-    @property
-    def stages(self) -> Chain:
-        """The remaining stages."""
-
-    @property
-    def whole(self) -> Chain:
-        """All stages of the camera."""
-
-    def check(self, light: Detected, frame: Frame) -> None:
-        """Raise InputError for conditions that the plan does not cover."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,7 +48,7 @@ class RawFrames:
     stages: Chain
     detected: Detected
     backend: Backend
-    plan: PlannedChain | None = None
+    plan: Plan | None = None
     counted: Mapping[str, int] | None = None
     photons: NDArray[np.float64] | None = None
     photoelectrons: NDArray[np.float64] | None = None

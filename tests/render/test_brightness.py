@@ -225,5 +225,5 @@ def test_lint_and_the_summary_say_how_bright_it_is(
 
 def test_several_sensors_refuse_a_scale_of_each_view(tmp_path: Path) -> None:
     scene = write_scene(tmp_path, scene_text(SKY, PERSPECTIVE.format(film="", more="")))
-    with pytest.raises(ms.InputError, match=r"2 sensors .* would each scale the light"):
+    with pytest.raises(ms.InputError, match=r"2 sensors .* would scale the light"):
         ms.capture(scene, CAMERA, EXPOSURE, sensor="all", luminance=10, **SMALL)

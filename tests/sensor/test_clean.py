@@ -143,19 +143,6 @@ def test_a_chain_that_is_not_straight_has_its_mean_by_a_lattice_and_says_so(name
     assert found.temporal_variance.mean() == pytest.approx(variance.mean(), rel=0.06)
 
 
-@pytest.mark.parametrize("name", ["0.1 DN", "all pixels differ"])
-def test_the_clean_frame_of_a_crop_is_the_crop_of_the_clean_frame(name: str) -> None:
-    camera = CAMERAS[name]
-    photons = 300.0 * np.random.default_rng(1).lognormal(0.0, 0.7, (40, 50))
-    part = np.s_[31:36, 7:48]
-    whole = ms.expose(photons, camera, EXPOSURE)
-    alone = ms.expose(ms.Photons(photons[part], origin=(31, 7)), camera, EXPOSURE)
-    np.testing.assert_allclose(alone.clean, whole.clean[part], rtol=1e-6)
-    np.testing.assert_allclose(
-        alone.temporal_variance, whole.temporal_variance[part], rtol=1e-4
-    )
-
-
 @dataclass(frozen=True)
 class Ramp(ms.Stage):
     """A fixed gain that rises along the rows, in electrons."""

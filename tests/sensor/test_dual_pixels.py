@@ -83,13 +83,3 @@ def test_theory_clean_frame_and_budget_are_those_of_a_photodiode() -> None:
             light_of(500, 1500).changed(by_readout=None), plain, EXPOSURE
         ).temporal_variance,
     )
-
-
-def test_a_crop_and_single_frames_have_the_same_bytes() -> None:
-    camera, light = dual(), light_of(300, 900, (64, 64))
-    whole = ms.expose(light, camera, EXPOSURE, frames=2)
-    second = ms.expose(light, camera, EXPOSURE, first_frame=1)
-    part = ms.expose(light_of(300, 900, (16, 20)), camera, EXPOSURE, frames=2, origin=(8, 4))
-    for name, own in whole.readouts.items():
-        np.testing.assert_array_equal(own.digital[1:], second.readouts[name].digital)
-        np.testing.assert_array_equal(own.digital[:, 8:24, 4:24], part.readouts[name].digital)
