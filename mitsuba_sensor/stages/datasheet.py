@@ -51,10 +51,10 @@ SAME_AREA = 0.01
 class FileTable(BaseModel):
     """A table of a camera file: frozen, equal by value, no unknown fields, no NaN.
 
-    cmos_only : fields that a CCD cannot have, with their neutral values.
+    cmos_only : fields that a CCD cannot have.
     """
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {}
+    cmos_only: ClassVar[tuple[str, ...]] = ()
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True
     )

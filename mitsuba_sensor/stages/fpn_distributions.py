@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ..core import SensorWindow, arrays, distributions
+from ..core import Array, SensorWindow, arrays, distributions
 from ..core.backend import Backend, normals, uniforms
 
 NARROW = 1.0
@@ -149,3 +149,22 @@ class Autoregressive(Gaussian):
 @dataclass(frozen=True)
 class AutoregressiveRectified(Rectified, Autoregressive):
     """:class:`Autoregressive` for the PRNU: max(0, 1 + cv·x), x separable isotropic AR."""
+
+
+@dataclass(frozen=True)
+class Sites:
+    """Random bits to ``inside`` for this fraction of the pixels, to ``outside`` for the others."""
+
+    fraction: float
+    inside: float = 1.0
+    outside: float = 0.0
+
+    def __call__(self, backend: Backend, bits: Array) -> Array:
+        """Return the values of the pixels."""
+        values = backend.number(self.inside), backend.number(self.outside)
+        return arrays.where(backend.uniform(bits) < backend.number(self.fraction), *values)
+
+
+def site_map(window: SensorWindow, name: str, fraction: float) -> dict[str, Array]:
+    """Return the map ``name``: 1 for a random fraction of the pixels, else 0, or as measured."""
+    return {name: window.measured_or(name, lambda: window.fixed_map(name, Sites(fraction)))}

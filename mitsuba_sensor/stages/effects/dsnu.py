@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Self
 
@@ -17,7 +16,7 @@ from ..usual_range import PERCENT, Usual
 class DsnuColumnFields(FileTable):
     """Offsets of the columns."""
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {"dsnu_col": 0.0}
+    cmos_only = ("dsnu_col",)
     dsnu_col: Annotated[NotNegative, Usual.of(0, 0.05, PERCENT)] = optional(
         "column offsets, σ over the full-well swing", 0.001, 0.0
     )
@@ -35,7 +34,7 @@ class DsnuColumnFields(FileTable):
 class DsnuRowFields(FileTable):
     """Offsets of the rows."""
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {"dsnu_row": 0.0}
+    cmos_only = ("dsnu_row",)
     dsnu_row: Annotated[NotNegative, Usual.of(0, 0.05, PERCENT)] = optional(
         "row offsets, σ over the full-well swing", 0.0005, 0.0
     )
@@ -47,7 +46,7 @@ class DsnuRowFields(FileTable):
 class DsnuPixelFields(FileTable):
     """Offsets of the pixels."""
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {"dsnu_e": 0.0}
+    cmos_only = ("dsnu_e",)
     dsnu_e: NotNegative = optional("pixel offsets, σ as electrons [e-]", 2.0, 0.0)
     dsnu_coupling: MapCoupling = optional(
         "correlation of the offsets of neighbouring pixels: a of the autoregression", 0.25, 0.0

@@ -6,7 +6,6 @@ Kannawadi et al., PASP 128, 095001 (2016), give its effect on images of points.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Self
 
@@ -20,10 +19,7 @@ from ..stage import Datasheet, Stage
 class InterPixelCapacitanceFields(FileTable):
     """Coupling of the sense nodes."""
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {
-        "ipc_coupling": 0.0,
-        "ipc_corner_coupling": 0.0,
-    }
+    cmos_only = ("ipc_coupling", "ipc_corner_coupling")
 
     ipc_coupling: Annotated[float, Field(ge=0, le=0.2, strict=True)] = optional(
         "inter-pixel capacitance: fraction of a pixel's signal that each of its 4 neighbours shows",

@@ -5,9 +5,8 @@ Fixed offsets of columns, rows and pixels (column FPN, row FPN, pixel FPN) are i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import model_validator
 
@@ -49,7 +48,7 @@ class PrnuFields(FileTable):
 class PrnuColumnFields(FileTable):
     """Gains of the columns."""
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {"prnu_col": 0.0}
+    cmos_only = ("prnu_col",)
     prnu_col: Annotated[NotNegative, Usual.of(0, 0.1, PERCENT)] = optional(
         "spread of the column gains, σ over 1", 0.002, 0.0
     )

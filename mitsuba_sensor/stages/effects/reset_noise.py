@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -25,7 +24,7 @@ UNCORRELATED = math.sqrt(2.0)
 class ResetNoiseFields(FileTable):
     """kTC noise."""
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {"reset": "true_cds", "ktc_residual": 0.0}
+    cmos_only = ("reset", "ktc_residual")
     reset: Literal["hard", "soft", "true_cds"] = Field(
         description="kTC noise: hard leaves all of it, soft 1/√2, true_cds none",
         examples=["hard"],

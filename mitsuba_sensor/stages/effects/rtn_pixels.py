@@ -7,13 +7,11 @@ a step of either sign remains.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 from ...core import Array, Frame, SensorWindow, arrays
-from ...core.backend import Backend
 from ..datasheet import Chance, FileTable, NotNegative, optional
+from ..fpn_distributions import site_map
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
 
@@ -21,7 +19,7 @@ from ..stage import Datasheet, Stage
 class RtnPixelsFields(FileTable):
     """Three-level random telegraph noise of some pixels, in addition to the noise of all pixels."""
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {"rtn_pixel_fraction": 0.0}
+    cmos_only = ("rtn_pixel_fraction",)
 
     rtn_pixel_fraction: Chance = optional(
         "fraction of the pixels with random telegraph noise of their own", 0.001, 0.0
@@ -88,16 +86,7 @@ class RtnPixels(Stage):
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """Return ``rtn_site``, 1 for pixels with a trap, else 0."""
-        return {
-            "rtn_site": window.measured_or(
-                "rtn_site", lambda: window.fixed_map("rtn_site", self._from_bits)
-            )
-        }
-
-    def _from_bits(self, backend: Backend, bits: Array) -> Array:
-        return arrays.where(
-            backend.uniform(bits) < self.fraction, backend.number(1.0), backend.number(0.0)
-        )
+        return site_map(window, "rtn_site", self.fraction)
 
 
 def rtn_noise_e(camera: Datasheet) -> float:

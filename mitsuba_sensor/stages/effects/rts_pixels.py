@@ -11,10 +11,10 @@ import numpy as np
 from pydantic import Field
 
 from ...core import Array, Electrons, Frame, SensorWindow, arrays, distributions
-from ...core.backend import Backend
 from ..dark_components import Activation, Reference, reference_temperature_k
 from ..dark_current_models import FIGURE_OF_MERIT_AT_K, arrhenius
 from ..datasheet import Chance, FileTable, Kelvin, NotNegative, optional
+from ..fpn_distributions import site_map
 from ..stage import Datasheet, Stage
 
 AMPLITUDE_EV, SWITCHING_EV = 0.57, 0.9
@@ -143,18 +143,7 @@ class RtsPixels(Stage):
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
         """Return ``rts_site``, 1 for pixels with a trap, else 0."""
-        return {
-            "rts_site": window.measured_or(
-                "rts_site", lambda: window.fixed_map("rts_site", self._from_bits)
-            )
-        }
-
-    def _from_bits(self, backend: Backend, bits: Array) -> Array:
-        return arrays.where(
-            backend.uniform(bits) < backend.number(self.fraction),
-            backend.number(1.0),
-            backend.number(0.0),
-        )
+        return site_map(window, "rts_site", self.fraction)
 
 
 @dataclass(frozen=True)

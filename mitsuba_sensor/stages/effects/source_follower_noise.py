@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ...core import Array, Frame, SensorWindow, arrays
-from ...core.backend import Backend
+from ...core import Array, Frame, SensorWindow
 from ...core.noise_distributions import NoiseDistribution, StudentT, TukeyLambda
 from ...core.special import EULER_GAMMA, integral, sinh_integrals, two_term_remainder
 from ..datasheet import Chance, FileTable, NotNegative, Positive, optional
-from ..fpn_distributions import LogNormal
+from ..fpn_distributions import LogNormal, Sites
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, ElectronMaps
 from ..usual_range import NS_TO_SECONDS, US_TO_SECONDS, VOLTS_TO_NV, Usual
@@ -44,7 +42,7 @@ NOISY_SITE = "noisy_site"
 class SourceFollowerNoiseFields(FileTable):
     """Noise of the pixel's amplifier, one number or noise densities."""
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {"rtn_uv": 0.0}
+    cmos_only = ("rtn_uv",)
     read_noise_e: Annotated[NotNegative | None, Usual(0.05, 500)] = optional(
         "read noise of the datasheet, instead of white_nv_per_rthz [e- rms]", 3
     )
@@ -241,15 +239,11 @@ class SourceFollowerNoise(ElectronMaps):
         mean_square *= 1 + self.cv**2
         scale = window.number(self.sigma_v / self.gain_v_per_e / math.sqrt(mean_square))
         if self.noisy_fraction:
-            scale = scale * window.fixed_map(NOISY_SITE, self._factor_from_bits)
+            factors = Sites(self.noisy_fraction, self.noisy_factor, 1.0)
+            scale = scale * window.fixed_map(NOISY_SITE, factors)
         if self.cv:
             return scale * LogNormal(self.cv).map_of(window, READ_NOISE)
         return scale
-
-    def _factor_from_bits(self, backend: Backend, bits: Array) -> Array:
-        """Return the noise of pixels over that of quiet pixels."""
-        noisy, quiet = backend.number(self.noisy_factor), backend.number(1.0)
-        return arrays.where(backend.uniform(bits) < self.noisy_fraction, noisy, quiet)
 
 
 def read_noise_v(camera: Datasheet) -> float:
