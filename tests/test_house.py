@@ -497,7 +497,7 @@ TOKENS_MAX = {
     "render": 80021,
     "reproduction": 10885,
     "sensor": 13827,
-    "stages": 32026,
+    "stages": 31946,
     "study": 9256,
     "tests": 347089,
     "theory": 14642,

@@ -6,7 +6,7 @@ streams, so only the means are mixed: the shot noise of a pixel is that of the l
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Annotated, Self, TypeAlias
@@ -70,20 +70,21 @@ def check_pairs(
     kernels = np.array([of_reach(kernel, reach_px) for kernel in given])
     numbers, lies = np.arange(len(names))[:, None, None], np.zeros(kernels.shape, bool)
     for place in np.argwhere(np.array(tile) == names.index(source)):
-        here = numbers == _filters_about(place, reach_px, tile)
+        here = numbers == filters_of(tile, (place - reach_px).tolist(), kernels.shape[1:])
         lies |= here
         shares = np.sum(np.where(here, kernels, 0.0), axis=0)
         _check_shares(f"{where} of the pixel at {place.tolist()} of the tile", shares)
     _check_receivers(where, names, (kernels > 0) & ~lies)
 
 
-def _filters_about(place: NDArray[np.intp], reach_px: int, tile: Tile) -> NDArray[np.intp]:
-    """Return the filter numbers of a pixel of the tile and its neighbours, (2·reach_px + 1)²."""
-    about = np.arange(-reach_px, reach_px + 1)
+def filters_of(tile: Tile, origin: Sequence[int], shape: Sequence[int]) -> NDArray[np.intp]:
+    """Return the filter numbers of the pixels of a window, (H, W)."""
+    numbers = np.array(tile)
     rows, columns = (
-        (first + about) % period for first, period in zip(place, np.shape(tile), strict=True)
+        (np.arange(length) + first) % period
+        for length, first, period in zip(shape, origin, numbers.shape, strict=True)
     )
-    return np.asarray(np.array(tile)[np.ix_(rows, columns)])
+    return np.asarray(numbers[np.ix_(rows, columns)])
 
 
 def _check_receivers(where: str, names: tuple[str, ...], nowhere: NDArray[np.bool_]) -> None:
@@ -280,13 +281,6 @@ class Crosstalk:
         """
         if np.ptp(shares) == 0:
             return shares[0, 0]
-        return shares[self._filters(giving, shape), self._filters(receiving, shape)]
-
-    def _filters(self, origin: tuple[int, int], shape: tuple[int, ...]) -> NDArray[np.intp]:
-        """Return the filter numbers of the pixels of a window, (H, W)."""
-        tile = np.array(self.tile)
-        rows, columns = (
-            (np.arange(length) + first) % period
-            for length, first, period in zip(shape, origin, tile.shape, strict=True)
-        )
-        return np.asarray(tile[np.ix_(rows, columns)])
+        return shares[
+            filters_of(self.tile, giving, shape), filters_of(self.tile, receiving, shape)
+        ]
