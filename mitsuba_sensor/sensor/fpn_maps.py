@@ -128,9 +128,9 @@ def _maps_in_dn(stages: Chain) -> dict[str, tuple[str, float]]:
     """
     found = {}
     for number, stage in enumerate(stages):
-        behind = math.prod(one.nominal_gain for one in stages[number + 1 :])
+        rest = math.prod(one.nominal_gain for one in stages[number + 1 :])
         if not isinstance(stage, ElectronMaps):
             continue
         for name, gain in stage.gains_of_maps().items():
-            found[f"{name.removesuffix('_e')}_dn"] = (name, gain * behind)
+            found[f"{name.removesuffix('_e')}_dn"] = (name, gain * rest)
     return found

@@ -1,4 +1,4 @@
-"""Raw frames of one exposure: their codes, and the light, chain and conditions behind them."""
+"""Raw frames of one exposure, with their light, chain and conditions."""
 
 from __future__ import annotations
 

@@ -209,8 +209,8 @@ class NoiseBudget:
         for strip in strips_of(theory.stages, whole.window):
             frame = replace(whole, window=whole.window.crop_rows(strip.around), _blocks={})
             light = theory.light.crop_rows(strip.around).signal
-            behind = list(signals(theory.stages, light, frame))
-            one, other = self._with_and_without(number, behind, frame)
+            outputs = list(signals(theory.stages, light, frame))
+            one, other = self._with_and_without(number, outputs, frame)
             found[strip.rows] = (one - other)[strip.inside]
         return share * found
 
@@ -267,10 +267,10 @@ class NoiseBudget:
         light = theory.light_of(number)
         codes, swings, changes, keep = [], [], [], np.ones((1, 1), bool)
         for frame in (one for sensor in theory.frames_of(number) for one in sensor):
-            behind = list(signals(theory.stages, light, frame))
-            keep = keep & ~is_clipped(theory.stages, behind, frame)[inside]
-            codes.append(as_values(behind[-1], frame)[inside])
-            pairs = [self._with_and_without(k, behind, frame) for k in range(len(behind))]
+            outputs = list(signals(theory.stages, light, frame))
+            keep = keep & ~is_clipped(theory.stages, outputs, frame)[inside]
+            codes.append(as_values(outputs[-1], frame)[inside])
+            pairs = [self._with_and_without(k, outputs, frame) for k in range(len(outputs))]
             swings.append([one[inside] for one, _ in pairs])
             changes.append([one[inside] - other[inside] for one, other in pairs])
         pixels = int(keep.sum())
@@ -290,31 +290,33 @@ class NoiseBudget:
         return pixels, np.array(rows)
 
     def _with_and_without(
-        self, number: int, behind: list[Array], frame: Frame
+        self, number: int, outputs: list[Array], frame: Frame
     ) -> tuple[Float64Array, Float64Array]:
         """Return the digital numbers of one frame with and without a stage, before rounding and clipping [DN].
 
-        behind : the signals after every stage. Without light it is dark; without the ADC there is no black level,
+        outputs : the signals after every stage. Without light it is dark; without the ADC there is no black level,
         rounding or unequal step.
         """
         stages, count = self.theory.stages, self._count
         if number == 0:
             gain = math.prod(stage.nominal_gain for stage in stages[1:])
-            light_dn = gain * as_values(behind[0], frame)
+            light_dn = gain * as_values(outputs[0], frame)
             return light_dn, np.zeros(light_dn.shape)
-        whole = ideal_code(stages, behind[-2], frame)
+        whole = ideal_code(stages, outputs[-2], frame)
         if number == len(stages) - 1:
-            return as_values(behind[-1], frame), whole - converter_of(stages).black_level_dn
-        signal = passed_on(stages[number], behind[number - 1], frame)
-        is_same = signal is behind[number] or np.array_equal(
-            as_values(signal, frame), as_values(behind[number], frame)
+            return as_values(outputs[-1], frame), whole - converter_of(stages).black_level_dn
+        signal = passed_on(stages[number], outputs[number - 1], frame)
+        is_same = signal is outputs[number] or np.array_equal(
+            as_values(signal, frame), as_values(outputs[number], frame)
         )
         if is_same:
             return whole, whole
         if number >= count:
             return whole, self._carried(number, signal, frame)
         last = sample(stages[number + 1 : count], signal, frame)
-        return self._carried(count, behind[count - 1], frame), self._carried(count, last, frame)
+        return self._carried(count, outputs[count - 1], frame), self._carried(
+            count, last, frame
+        )
 
     def _carried(self, number: int, signal: Array, frame: Frame) -> Float64Array:
         """Return the digital numbers before rounding and clipping for this signal after stage ``number``."""

@@ -179,13 +179,13 @@ class Trial:
         inside, light = expectation.windows[place].inside, expectation.light_of(place)
         top, keep, moved = converter_of(self.stages).highest + 0.5, np.ones((1, 1), bool), []
         for frame in (one for sensor in expectation.frames_of(place) for one in sensor):
-            behind = list(signals(self.stages, light, frame))
-            keep = keep & ~is_clipped(self.stages, behind, frame)[inside]
-            for k, signal in enumerate(behind):
+            outputs = list(signals(self.stages, light, frame))
+            keep = keep & ~is_clipped(self.stages, outputs, frame)[inside]
+            for k, signal in enumerate(outputs):
                 self.fullest[k] = max(self.fullest[k], float(np.max(total(signal))))
-            code = np.clip(ideal_code(self.stages, behind[-2], frame), -0.5, top)[inside]
+            code = np.clip(ideal_code(self.stages, outputs[-2], frame), -0.5, top)[inside]
             moved.append([
-                np.clip(self._without(out, behind, frame), -0.5, top)[inside] - code if out else 0 * code
+                np.clip(self._without(out, outputs, frame), -0.5, top)[inside] - code if out else 0 * code
                 for out in outs
             ])  # fmt: skip
         if expectation is self.of_frame:
@@ -201,12 +201,12 @@ class Trial:
         return np.array(rows)
 
     def _without(
-        self, out: Collection[Stage], behind: list[Array], frame: Frame
+        self, out: Collection[Stage], outputs: list[Array], frame: Frame
     ) -> Float64Array:
-        """Return the codes without some stages, before rounding and clipping.  behind : signals after every stage."""
+        """Return the codes without some stages, before rounding and clipping.  outputs : signals after every stage."""
         first = min(place_of(stage, self.stages) for stage in out)
         rest = without(self.stages[first:-1], out)
-        return ideal_code(self.stages, sample(rest, behind[first - 1], frame), frame)
+        return ideal_code(self.stages, sample(rest, outputs[first - 1], frame), frame)
 
     def _of_lines(self, d: Float64Array) -> float:
         """Return the variance that the pixels of a line share, times the length of the line.

@@ -190,8 +190,8 @@ class Trial:
             for x in (light, self.dark)
         )
         signal: Array = Electrons(*parts) if self.are_electrons else sum(parts)
-        behind = backend.to_numpy(total(self.stage.sample(signal, frame)), window)
-        found = np.array(np.broadcast_to(behind, window.shape), np.float64)
+        output = backend.to_numpy(total(self.stage.sample(signal, frame)), window)
+        found = np.array(np.broadcast_to(output, window.shape), np.float64)
         if not np.isfinite(found).all():
             raise InputError(
                 f"{type(self.stage).__name__} returns NaN or infinity in frame {index} at {window.origin}; let its "
