@@ -494,7 +494,7 @@ TOKENS_MAX = {
     "optics": 17471,
     "output": 25593,
     "pages": 3350,
-    "render": 79830,
+    "render": 79834,
     "reproduction": 12087,
     "sensor": 13941,
     "stages": 32899,
