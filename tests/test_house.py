@@ -494,7 +494,7 @@ TOKENS_MAX = {
     "optics": 17358,
     "output": 24845,
     "pages": 3425,
-    "render": 79567,
+    "render": 79571,
     "reproduction": 10885,
     "sensor": 13828,
     "stages": 31946,
