@@ -483,9 +483,9 @@ TOKENS_MAX = {
     ".": 8033,
     "bench": 23205,
     "benchmarks": 25376,
-    "camera": 25122,
+    "camera": 25124,
     "cli": 21683,
-    "core": 24247,
+    "core": 24260,
     "dataset": 43354,
     "examples": 8792,
     "files": 18674,
@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13967,
     "stages": 32256,
     "study": 9186,
-    "tests": 358610,
+    "tests": 358606,
     "theory": 14644,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

@@ -1,9 +1,9 @@
 """Derivatives of frames: values unchanged; means against frames with equal random bits.
 
-Where the noise does not hide the steps of the converter, and next to the clips, both are compared with the mean and the
-variance that an enumeration of the counts gives (helpers/expected_codes.py): both are right at any noise.
+With little noise and near saturation, both are compared with mean and variance from an enumeration of the counts
+(helpers/expected_codes.py), which are exact at any noise.
 
-Seeds are fixed. A comparison fails by chance beyond 5 standard errors, 6e-7 of the time; there are about 500.
+Seeds are fixed. Of about 500 comparisons, each fails by chance (beyond 5 standard errors) with probability 6e-7.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ RICH = PLAIN.replace(
         "adc.gamma": 1.02,
     }
 )
-"""Nearly everything that a camera has, and a black level that does not jump."""
+"""Nearly all effects of a camera, and a constant black level."""
 
 QE = 0.6
 PARAMETERS = (
@@ -90,7 +90,7 @@ def value_of(name: str, camera: ms.Camera = RICH, exposure: ms.Exposure = EXPOSU
 def changed(
     name: str, factor: float, camera: ms.Camera = RICH
 ) -> tuple[float, ms.Camera, ms.Exposure]:
-    """(factor for the photons, camera, exposure), one of them changed."""
+    """Return factor on the photons, camera and exposure, one of them changed."""
     if name == "photons":
         return factor, camera, EXPOSURE
     value = value_of(name, camera) * factor
@@ -101,7 +101,7 @@ def changed(
 
 @cache
 def sampled(level: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Digital numbers (H, W) of flat light of ``level`` electrons, and their derivatives by ln(parameter)."""
+    """Return codes (H, W) of flat light of ``level`` electrons, and their derivatives by ln(parameter)."""
     photons = np.full(SHAPE, level / QE)
     frame = differentiable(photons, RICH, EXPOSURE, PARAMETERS, seed=4, serial=9).frame(2)
     frame.store()
@@ -113,7 +113,7 @@ def sampled(level: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 
 def by_columns(x: np.ndarray) -> tuple[float, float]:
-    """Mean and its standard error, when pixels of a column share offsets and gains."""
+    """Return the mean and its standard error if pixels of a column share offsets and gains."""
     columns = x.mean(axis=0)
     return float(columns.mean()), float(columns.std() / np.sqrt(columns.size))
 
@@ -134,7 +134,7 @@ def test_the_mean_follows_frames_with_equal_random_bits(name: str, level: int) -
     found, error = by_columns((ends[0] - ends[1]) / (2 * step) - slopes[name])
     error += 1 / (
         2 * step * digital.size
-    )  # no pixel may have changed its code where one should
+    )  # one pixel should have changed its code but none did
     assert abs(found) < SURE * error + 2e-3 * abs(slopes[name].mean()) + 1e-6 * digital.mean()
 
 
@@ -142,7 +142,7 @@ def test_the_mean_follows_frames_with_equal_random_bits(name: str, level: int) -
     "name",
     one_in(4, ["photons", "pixel.prnu", "readout.sense_gain_uv_per_e", "adc.black_level_dn"]),
 )
-def test_backward_adds_up_what_forward_says(name: str) -> None:
+def test_backward_is_the_weighted_sum_of_forward(name: str) -> None:
     frames = differentiable(
         np.full((37, 41), 900.0), RICH, EXPOSURE, PARAMETERS, seed=4, serial=9
     )
@@ -200,7 +200,7 @@ CAMERAS: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize(
     "kind", [name if name == "ar, colours" else exhaustive(name) for name in CAMERAS]
 )
-def test_values_are_those_of_expose_bit_by_bit(kind: str) -> None:
+def test_values_equal_those_of_expose_bit_by_bit(kind: str) -> None:
     camera = RICH.replace(**CAMERAS[kind])
     shape = (45, 67)
     photons = np.geomspace(1.0, 6e4, shape[0] * shape[1]).reshape(shape)
@@ -275,7 +275,7 @@ def wide() -> Any:
 
 
 @pytest.mark.parametrize("name", one_in(9, FIELDS))
-def test_every_field_moves_every_pixel_as_its_derivative_says_or_is_refused(name: str) -> None:
+def test_every_field_changes_pixels_as_its_derivative_predicts_or_is_refused(name: str) -> None:
     if name in NO_SLOPE:
         with pytest.raises(ms.InputError, match="does not depend on it smoothly"):
             differentiable(WIDE_LIGHT[:1, :1], WIDE, EXPOSURE, name)
@@ -287,12 +287,10 @@ def test_every_field_moves_every_pixel_as_its_derivative_says_or_is_refused(name
         for camera in ends
     ]
     missed = shots[0] - shots[1] - 2 * step * value_of(name, WIDE) * wide().forward(name)
-    assert (
-        np.sqrt(np.mean(missed**2)) < 0.75
-    )  # two roundings: 0.41; counts of electrons jump as well
+    assert np.sqrt(np.mean(missed**2)) < 0.75  # two roundings: 0.41; electron counts jump, too
 
 
-def test_what_is_clipped_does_not_move() -> None:
+def test_saturated_pixels_have_no_derivative() -> None:
     names = ("photons", "pixel.prnu", "pixel.full_well_e", "adc.full_scale_v")
     full = differentiable(np.full((32, 32), 1e6), RICH, EXPOSURE, names).frame()
     found = full.backward(full.digital)
@@ -335,11 +333,11 @@ BEHIND = (
 
 @pytest.mark.parametrize("end", ENDS)
 @pytest.mark.parametrize("sigma_dn", [0.3, 1.05, *map(exhaustive, (0.1, 2.0, 5.0))])
-def test_at_edges_and_clips_the_slopes_are_those_of_an_enumeration(
+def test_slopes_at_code_edges_and_saturation_equal_an_enumeration(
     end: str, sigma_dn: float
 ) -> None:
-    """Of mean and variance of the code, within 3 %, and 1 DN by a doubling where little noise meets a full well between
-    two codes: its electrons are summed in steps of a quarter of their noise."""
+    """Mean and variance of the code within 3 %, or 1 DN per doubling where the full well is between two codes and noise
+    is low: electrons are summed in steps of a quarter of their noise."""
     electrons, fields = ENDS[end]
     camera = bare_camera(sigma_dn, **fields)
     photons = np.full((2, 2), electrons / QE)
@@ -358,8 +356,8 @@ def test_at_edges_and_clips_the_slopes_are_those_of_an_enumeration(
 
 
 @pytest.mark.parametrize("sigma_dn", [0.3, 2.0])
-def test_derivatives_of_codes_and_of_their_squares_have_the_right_mean(sigma_dn: float) -> None:
-    """Over a quarter of a million pixels in 20 electrons, within 5 standard errors."""
+def test_derivatives_of_codes_and_squared_codes_have_the_exact_mean(sigma_dn: float) -> None:
+    """Over 262 144 pixels of 20 electrons, within 5 standard errors."""
     camera = bare_camera(sigma_dn, adc__black_level_dn=2.0)
     mean, _ = mean_and_variance(camera, 20.0)
     frame = differentiable(
@@ -373,7 +371,7 @@ def test_derivatives_of_codes_and_of_their_squares_have_the_right_mean(sigma_dn:
 
 
 @pytest.mark.parametrize("sigma_dn", [0.2, 2.0])
-def test_strips_of_rows_have_the_derivatives_of_the_whole(
+def test_strips_of_rows_have_the_derivatives_of_the_whole_frame(
     sigma_dn: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     names = ("photons", "pixel.prnu", "readout.sense_gain_uv_per_e")
