@@ -483,7 +483,7 @@ TOKENS_MAX = {
     ".": 8031,
     "bench": 23268,
     "benchmarks": 24924,
-    "camera": 25124,
+    "camera": 25127,
     "cli": 21392,
     "core": 24260,
     "dataset": 43354,
