@@ -276,9 +276,9 @@ def test_our_own_file_needs_no_unit_and_refuses_one(light_file: Path, light: Any
 @pytest.mark.parametrize(
     ("channels", "options", "words"),
     [
-        ("RGB", {}, ("B, G, R", "unit=", "--unit")),
+        ("RGB", {}, ("B, G, R", "unit=")),
         ("RGB", {"unit": "radiance_rbg"}, ("'radiance_rgb'",)),
-        ("RGB", {"unit": "radiance_rgb"}, ("--camera",)),
+        ("RGB", {"unit": "radiance_rgb"}, ("camera=",)),
         ("RGB", {"unit": "radiance_rgb", "camera": BAYER, "wavelength_nm": 550}, ("wavelength_nm",)),
         ("RGB", {"unit": "w_per_m2_nm"}, ("B, G, R", "S0.<wavelength>nm")),
         ("RGB", {"unit": "w_per_m2", "wavelength_nm": 550}, ("3 channels", "w_per_m2")),
