@@ -483,7 +483,7 @@ TOKENS_MAX = {
     ".": 8031,
     "bench": 23268,
     "benchmarks": 24924,
-    "camera": 25124,
+    "camera": 25127,
     "cli": 21392,
     "core": 24260,
     "dataset": 43354,
@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13828,
     "stages": 31946,
     "study": 9186,
-    "tests": 343657,
+    "tests": 343655,
     "theory": 14642,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
