@@ -68,7 +68,7 @@ def test_a_caustic_raises_the_flag_and_a_note_says_what_to_do(variant: str, spp:
     """A glass ball under a small lamp: one pixel in six owes most of its variance to one pass."""
     found = at_550("caustic", 24, spp=spp, variant=skip_unless_usable(variant)).statistics
     assert not found.reliable and found.firefly_fraction > 0.12
-    assert any("a larger light" in note for note in found.notes)
+    assert any("enlarge the light" in note for note in found.notes)
 
 
 @both_variants

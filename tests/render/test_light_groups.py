@@ -269,7 +269,7 @@ BAD = {
     "no pattern": ({"light_groups": "sky"}, "light_groups has 'sky'"),
     "no groups": ({"light_groups": {}}, "pass 'auto'"),
     "a number": ({"light_groups": 3}, "pass 'auto'"),
-    "a name with a dot": ({"light_groups": {"a.b": "env"}}, "a group is a name of letters"),
+    "a name with a dot": ({"light_groups": {"a.b": "env"}}, "give a name of letters"),
     "unknown level": (
         {"light_groups": "auto", "lights": {"skies": 1}},
         "no light group 'skies'",

@@ -365,7 +365,9 @@ def test_a_metal_reflects_beyond_its_table_what_its_last_indices_do() -> None:
 def test_the_share_of_the_photoelectrons_that_rests_on_a_table_is_told() -> None:
     """Of a flat sensor: with E ∝ R(λ) the electrons of the bands beyond 885.57 nm, of all, weighed by λ."""
     light = head_on(NAMED)
-    (note,) = (note for note in light.notes if "where data of the scene end" in note)
+    (note,) = (
+        note for note in light.notes if "where Mitsuba's table of 'Cr' in 1 place ends" in note
+    )
     nm = light.wavelengths_nm
     electrons = light.data.mean(axis=(0, 1), dtype=float) * nm
     share = electrons[nm > 880].sum() / electrons.sum()  # the band from 880 nm reaches beyond

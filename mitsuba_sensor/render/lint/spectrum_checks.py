@@ -71,9 +71,12 @@ def metals(subject: Subject) -> Found:
             short.setdefault((node.props["material"], data_nm), []).append(node)
     for (material, data_nm), nodes in short.items():
         ends = f"{data_nm[0]:.5g} to {data_nm[1]:.5g} nm"
-        what = f"Mitsuba's table of {material!r} in {places(len(nodes))} has {ends}; {subject.beyond(data_nm)}"
-        remedy = "its first and last values are held; give eta and k there if you know them"
-        yield Finding("note", subject.lines(nodes), what, remedy, data_nm)
+        table_of = f"Mitsuba's table of {material!r} in {places(len(nodes))}"
+        what = f"{table_of} has {ends}; {subject.beyond(data_nm)}"
+        remedy = (
+            "its first and last values are held beyond; give eta and k there if you know them"
+        )
+        yield Finding("note", subject.lines(nodes), what, remedy, data_nm, f"{table_of} ends")
 
 
 def colours(subject: Subject) -> Found:
