@@ -69,8 +69,9 @@ class FileOptions(TypedDict, total=False):
     traverse: Annotated[
         Mapping[str, float | Sequence[float]] | None,
         Option(
-            "Values for parameters of the scene by their names in mi.traverse, e.g. lamp.emitter.radiance.value; "
-            "several numbers apart by commas. Repeatable.",
+            "Set parameters of the scene by their names in mi.traverse, which begin with the id of a shape, emitter or "
+            "material directly inside the scene, e.g. lamp.emitter.radiance.value=2; several numbers: 1,2,3. "
+            "Repeatable.",
             flag="--traverse",
             metavar="NAME=VALUE",
             text=list[str],
@@ -326,8 +327,8 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     luminance: Annotated[
         float | None,
         Option(
-            "Median luminance of the picture [cd/m²]: one factor scales all emitters, and a short render "
-            "finds it. A scene in full sunlight has 5000, an office 100. Default: the emitters as the scene has them.",
+            "Median luminance of the picture [cd/m²]: a short render finds one factor for all emitters. Full sunlight "
+            "gives 5000, an office 100. Default: the emitters of the scene, unscaled.",
             low=1e-6,
             high=1e9,
             metavar="CD_M2",

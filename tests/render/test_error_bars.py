@@ -122,16 +122,6 @@ def test_glass_in_the_cornell_box_raises_it(tmp_path: Path, bulb: bool, spp: int
     assert not found.reliable and found.firefly_fraction > 0.12
 
 
-def test_a_larger_lamp_makes_the_caustic_reliable() -> None:
-    """What the note advises helps: a lamp of the ball's size."""
-    size = {"width": 24, "height": 24, "lamp_radius": 4}
-    options = {"wavelength_nm": 550, "spp": 256, "variant": "scalar_spectral", "denoise": False}
-    large = ms.render(
-        SCENES / "caustic.xml", CAMERA, EXPOSURE, parameters=size, **options
-    ).statistics
-    assert large.reliable and large.firefly_fraction < 0.01
-
-
 def test_few_passes_are_never_trusted() -> None:
     assert (
         not why_not_trusted(8, 0.0) and why_not_trusted(7, 0.0) and why_not_trusted(100, 0.11)

@@ -67,17 +67,6 @@ def test_the_rows_of_a_flat_field_are_the_integral_of_the_waveform(
     assert np.ptp(rows) > 0.2 * rows.mean()
 
 
-def test_the_period_of_the_bands_is_one_over_frequency_and_row_time(
-    field: ms.Irradiance,
-) -> None:
-    rows = profile(field.with_lights(lamp=ms.pwm(500, 0.5)), ROLLING)
-    period = round(1 / (500 * ROW_TIME_US * 1e-6))
-    assert period == 80
-    np.testing.assert_allclose(rows[period:], rows[:-period], rtol=1e-5)
-    spectrum = np.abs(np.fft.rfft(rows - rows.mean()))
-    assert np.argmax(spectrum) == ROWS / period
-
-
 def test_bands_move_by_the_time_between_two_frames(field: ms.Irradiance) -> None:
     """At 100 Hz a frame that begins 32.5 ms later is a quarter of a period on: its bands are 100 rows higher."""
     lit = field.with_lights(lamp=PWM)

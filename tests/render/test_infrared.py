@@ -186,7 +186,7 @@ def test_refusing_names_the_materials_and_where_they_are() -> None:
         ({"green": "grass"}, "infrared of 'green' is 'grass'; the materials are vegetation"),
         (
             "gren=soil",
-            "named 'gren'; those that have one are green, leaf_1. Did you mean 'green'",
+            "named 'gren'; they are named green, leaf_1. Did you mean 'green'",
         ),
         (
             ["green=soil", "leaf_1=sand"],

@@ -242,20 +242,6 @@ def seen_from_origin(lamp: dict[str, Any], wavelengths_nm: list[float]) -> np.nd
 
 
 D65_RATIO = 117.008 / 80.0268  # of 450 nm to 650 nm; CIE
-FACING = {"spot", "projector", "area"}
-
-
-@pytest.mark.parametrize(
-    "kind", ["constant", "point", "spot", "directional", "projector", "area"]
-)
-def test_mitsuba_gives_a_light_without_a_spectrum_that_of_d65(kind: str) -> None:
-    look = mitsuba().ScalarTransform4f().look_at([0, 0, 2], [0, 0, 0], [0, 1, 0])
-    of_kind = {"directional": {"direction": [0, 0, -1]}, "point": {"position": [0, 0, 2]}}
-    lamp = {"type": kind, **of_kind.get(kind, {"to_world": look} if kind in FACING else {})}
-    if kind == "area":
-        lamp = {"type": "rectangle", "to_world": look, "emitter": {"type": kind}}
-    ((below, blue, red, above),) = seen_from_origin(lamp, [355.0, 450.0, 650.0, 835.0])
-    assert below == above == 0.0 and blue / red == pytest.approx(D65_RATIO, rel=1e-3)
 
 
 def test_what_is_called_black_or_d65_is_so(tmp_path: Path) -> None:

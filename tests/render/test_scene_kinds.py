@@ -282,7 +282,7 @@ def test_what_is_no_scene_is_one_sentence() -> None:
         (
             {**box, "integrator": path},
             {"integrator": "direct"},
-            "'integrator' of the dict is one already",
+            "'integrator' of the dict is an integrator",
         ),
     ]
     for scene, options, said in wrong:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import replace
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -292,7 +292,13 @@ def light_from_rgb(
     refuse_masked("rgb", rgb)
     refuse_path("rgb", rgb, PICTURE_FILE)
     values = np.asarray(rgb)
-    _check_shape(values)
+    if values.ndim != 3 or values.shape[2] != 3 or 0 in values.shape:
+        raise InputError(
+            f"rgb has shape {values.shape}; pass (H, W, 3) with red, green and blue last, without transparency, e.g. "
+            "np.moveaxis(rgb, 0, -1) or rgb[..., :3]."
+        )
+    if values.dtype.kind not in "iuf":
+        raise InputError(f"rgb is of {values.dtype}; pass integers or floats.")
     linear = _linear(values, unit, white_cd_per_m2)
     bad = ~np.isfinite(linear) | (linear < 0)
     if bad.any():
@@ -313,31 +319,15 @@ def luminance_of_white() -> float:
     return spectra.luminous(fine_nm, spectra.d65(fine_nm) / D65_OF_WHITE)
 
 
-def _check_shape(values: NumpyArray) -> None:
-    """Raise InputError unless the shape is (H, W, 3)."""
-    shape = values.shape
-    if len(shape) == 3 and shape[0] == 3 and shape[2] != 3:
-        raise InputError(
-            f"rgb has shape {shape}, colour planes first; give it planes last: np.moveaxis(rgb, 0, -1)."
-        )
-    if len(shape) == 3 and shape[2] == 4:
-        raise InputError(f"rgb has shape {shape}, with transparency; pass rgb[..., :3].")
-    if len(shape) != 3 or shape[2] != 3 or 0 in shape:
-        raise InputError(f"rgb has shape {shape}; pass (H, W, 3): red, green and blue.")
-    if values.dtype.kind not in "iuf":
-        raise InputError(f"rgb is of {values.dtype}; pass integers or floats.")
-
-
 def _linear(
     values: NumpyArray, unit: str | None, white_cd_per_m2: float | None
 ) -> Float32Array:
     """Return the values in the unit of Mitsuba's RGB."""
     if unit is None:
         raise InputError(NO_UNIT)
-    if not isinstance(unit, str) or unit not in get_args(RgbUnit):
-        known = get_args(RgbUnit)
+    if not isinstance(unit, str) or unit not in RGB_UNITS:
         raise InputError(
-            f"unit is {unit!r}; it must be one of {', '.join(known)}.{nearest(str(unit), known)}"
+            f"unit is {unit!r}; it must be one of {', '.join(RGB_UNITS)}.{nearest(str(unit), RGB_UNITS)}"
         )
     if (white_cd_per_m2 is not None) != (unit == "srgb"):
         remedy = 'omit white_cd_per_m2, which is for unit "srgb"'
