@@ -87,7 +87,7 @@ def expm1(x: Array) -> Array:
 
 # ln 2 as a sum; the first term has ten bits, so that its multiples are exact in float32 (Cody & Waite 1980).
 LN2_HIGH, LN2_LOW = 0.693359375, -2.12194440e-4
-# (e^r − 1 − r)/r² for |r| ≤ ½ln 2, to 4e-9: from benchmarks/fit_quantiles.py.
+# (e^r − 1 − r)/r² for |r| ≤ ½ln 2, to 4e-9: from d57d910e:benchmarks/fit_quantiles.py.
 EXP_TAIL = (0.5000000096, 0.1666651817, 0.0416662037, 0.008368969906, 0.001395063153)
 
 

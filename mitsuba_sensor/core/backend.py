@@ -80,7 +80,8 @@ class Backend:
         out[...] = signal
         done = PendingStrip()
         done.counts = {
-            name: int(np.sum(np.broadcast_to(mask, out.shape))) for name, mask in masks.items()
+            name: int(np.count_nonzero(np.broadcast_to(mask, out.shape)))
+            for name, mask in masks.items()
         }
         return done
 

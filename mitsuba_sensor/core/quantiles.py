@@ -2,8 +2,8 @@
 
 Written with the operations of arrays.py, so NumPy and Dr.Jit return the same bits. No rejection loop, no state, no
 threshold above which another distribution is used. distributions.py has the same functions in float64.
-benchmarks/fit_quantiles.py fits the coefficients; benchmarks/enumerate_quantiles.py compares the result for all 2³²
-integers with the exact distributions.
+d57d910e:benchmarks/fit_quantiles.py fitted the coefficients; benchmarks/enumerate_quantiles.py compares the result for
+all 2³² integers with the exact distributions.
 """
 
 import math

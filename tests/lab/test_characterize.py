@@ -11,8 +11,7 @@ from typer.testing import CliRunner
 import mitsuba_sensor as ms
 from mitsuba_sensor.bench.datasheet import Said, expected
 from mitsuba_sensor.bench.figures_page import beside_datasheet, characterized, figures_of
-from mitsuba_sensor.bench.rendered_field import rendered_field
-from mitsuba_sensor.bench.virtual_bench import FLAT_S, Setup, virtual_bench
+from mitsuba_sensor.bench.virtual_bench import FLAT_S, Setup, rendered_field, virtual_bench
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.lab.frames.bench import Bench
 from mitsuba_sensor.lab.measure.measurement import INSTRUMENTS, measure_bench
@@ -107,7 +106,7 @@ def test_every_drawing_has_axes_with_names_and_at_most_eight_series(small: Bench
         (["--gain", "100"], "gain"),
         (["--bits", "12"], "--bits is for frames from disk"),
         (["--camera", "konnik_tabel1"], "Did you mean 'konnik_table1'?"),
-        (["--wavelength-nm", "2000"], "sees nothing at 2000 nm; give a wavelength from"),
+        (["--wavelength-nm", "2000"], "detects no light at 2000 nm; give a wavelength from"),
         (["--wavelength-nm", "-3"], "wavelength_nm is -3"),
         (["--camera", "konnik_table1", "-o", ""], "-o is empty"),
     ],

@@ -167,7 +167,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
     "no time": ({"auto_exposure": "target 0.2"}, "give --fps"),
     "renders": (
         {"fps": 30, "render_noise": "per-frame"},
-        "fps is given; leave one of them out",
+        "fps is given",
     ),
     "no number": ({"fps": 30, "auto_exposure": "target x"}, "'x' is no number"),
     "no name": ({"fps": 30, "auto_exposure": "tarket 1"}, "Did you mean 'target'"),

@@ -110,15 +110,6 @@ def test_an_axis_has_three_to_nine_labels_that_differ_and_holds_its_points(
     assert plot.get_xlabel() == "x" and plot.get_legend().get_texts()[0].get_text() == "one"
 
 
-def test_filters_have_their_own_colours(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[Any] = []
-    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: seen.append(self))
-    png(Plot("", "x", "y", tuple(Line(name, (1.0, 2.0), (1.0, 2.0)) for name in "RGB")))
-    for number, drawn in enumerate(seen[0].axes[0].lines[::3]):
-        channels = [int(drawn.get_color()[1 + 2 * k : 3 + 2 * k], 16) for k in range(3)]
-        assert channels.index(max(channels)) == number
-
-
 def test_a_page_asks_the_network_for_nothing_and_is_well_formed() -> None:
     page = html(study(TABLE, *PICTURES))
     targets = re.findall(r"(?:src|href)=\"([^\"]{0,24})", page)
