@@ -90,15 +90,6 @@ def test_an_exposure_of_whole_periods_has_no_bands(field: ms.Irradiance) -> None
     assert np.ptp(banded) > 10 * np.sqrt(variance)
 
 
-def test_a_global_shutter_has_one_window_for_all_rows(field: ms.Irradiance) -> None:
-    rows = profile(field.with_lights(lamp=PWM, sky=0), GLOBAL, start_s=0.001)
-    steady = profile(field.with_lights(sky=0), GLOBAL)
-    np.testing.assert_allclose(rows, rows[0], rtol=1e-6)
-    assert rows[0] / steady[0] == pytest.approx(
-        float(PWM.mean_over(0.001, EXPOSURE.time_s)), rel=1e-5
-    )
-
-
 def test_the_light_itself_is_the_mean_and_so_is_what_is_metered(field: ms.Irradiance) -> None:
     flickering = field.with_lights(lamp="0.5 pwm(100, 0.1)")
     steady = field.with_lights(lamp=0.5)

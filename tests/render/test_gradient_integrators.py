@@ -25,9 +25,6 @@ GREY = BALL.format(
 IN_SPECTRA = sorted({*gradient_integrators()} - {RGB_ONLY})
 
 
-PATHS = ("prb", "prb_basic", "prb_projective")
-
-
 def ready(variant: str = "llvm_ad_spectral") -> Any:
     return use(choose_variant(skip_unless_usable(variant)))
 

@@ -102,15 +102,6 @@ def test_groups_are_named_by_patterns_and_the_rest_is_other(light: ms.Irradiance
     assert "light groups area 1, lamps 1, other 1" in repr(light)
 
 
-def test_a_group_that_is_named_twice_has_the_emitters_of_both(tmp_path: Path) -> None:
-    asked = ["lamps=lamp_1", "lamps=lamp_2", "rest=area,env"]
-    prepared = prepare(scene_of(tmp_path, "all"), CAMERA, EXPOSURE, light_groups=asked)
-    assert [(group.name, len(group.emitters)) for group in prepared.light_groups] == [
-        ("lamps", 2),
-        ("rest", 2),
-    ]
-
-
 def test_auto_makes_a_group_of_each_emitter_with_an_id(tmp_path: Path) -> None:
     nameless = '<emitter type="constant"><spectrum name="radiance" value="0.005"/></emitter>'
     text = f'<scene version="3.0.0">{VIEW}{FLOOR}{AREA}{SPOT}{nameless}</scene>'

@@ -475,11 +475,8 @@ def test_an_aperture_that_no_lens_has_is_told(
 @pytest.mark.parametrize(
     ("kind", "radius", "centre", "distances"),
     [
-        exhaustive("sphere", 1.0, 0.0, (2500, 10_000)),
-        exhaustive("sphere", 100.0, 0.0, (120_000, 1_000_000)),
         exhaustive("sphere", 1.0, 100.0, (100_000, 1_000_000)),
         ("cylinder", 1.0, 0.0, (40, 100)),
-        exhaustive("cylinder", 0.01, 0.0, (3, 8)),
         exhaustive("cylinder", 100.0, 100.0, (3000, 10_000)),
         exhaustive("disk", 1.0, 0.0, (1200, 5000)),
         exhaustive("rectangle", 1.0, 0.0, (40, 1_000_000)),
@@ -611,7 +608,5 @@ def test_prbvolpath_begins_in_a_vacuum(folder: Path) -> None:
     )
     assert any("'prbvolpath' begins in a vacuum" in one.what for one in findings(folder, prb))
     options: Any = {"spp": 64, "wavelength_nm": 550, "denoise": False, "width": 4}
-    lights = [
-        ms.render(one, VISIBLE, EXPOSURE, **options).data.mean() for one in (prb, volpath)
-    ]
-    assert lights[0] > 2 * lights[1]
+    absent, present = (ms.render(text, VISIBLE, EXPOSURE, **options) for text in (prb, volpath))
+    assert absent.data.mean() > 2 * present.data.mean()
