@@ -176,7 +176,7 @@ def _placed_emitters(scene: Scene, parameters: MitsubaObject) -> list[str]:
 
 def _require_movable(motion: Motion, names: Sequence[str]) -> None:
     """Raise InputError if the motion names anything other than these shapes and emitters."""
-    for missing in motion.objects.keys() - {*names}:
+    for missing in (name for name in motion.objects if name not in names):
         known = sorted({name for name in names if name})
         ids = f"the ids are {', '.join(known)}" if known else "no shape or emitter has an id"
         raise InputError(

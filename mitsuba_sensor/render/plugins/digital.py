@@ -203,12 +203,12 @@ def _backend_of(image: Array) -> str:
 
 def _exposure(exposure: Exposure | None, light: ImageLight) -> Exposure:
     """Return the given exposure, else the exposure of the film. Raises InputError for a metered film."""
-    exposure = exposure or light.settings.exposure
-    if not isinstance(exposure, Exposure):
+    chosen = exposure or light.settings.exposure
+    if not isinstance(chosen, Exposure):
         raise InputError(
             "the film sets no exposure in seconds; pass one, e.g. ms.Exposure(0.01)."
         )
-    return exposure
+    return chosen
 
 
 def _variables(
