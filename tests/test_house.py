@@ -494,7 +494,7 @@ TOKENS_MAX = {
     "optics": 17471,
     "output": 24845,
     "pages": 3425,
-    "render": 79047,
+    "render": 79030,
     "reproduction": 12087,
     "sensor": 13967,
     "stages": 32256,

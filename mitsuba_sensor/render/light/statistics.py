@@ -76,7 +76,7 @@ class RenderStatistics:
         render, sum_corrected_by : fraction of the light that was moved to keep the sums of the render.
     seconds_per_sample : time of one sample in every pixel, without the first pass, which compiles.
     beyond_data : photoelectrons that depend on assumptions where data of the scene end, see
-        :class:`lint.electron_share.ElectronShare`.
+        :class:`lint.spectrum_checks.ElectronShare`.
     sum_error : relative standard error of the sum of the photoelectrons of all pixels, denoised or not; None if
         unknown. For regions see :meth:`light.irradiance.Irradiance.error_of_sum`.
     motion : time sampling of moving objects; None without motion.

@@ -2,6 +2,5 @@
 
 checks.py contains the table of checks; spectrum_checks.py and built_checks.py check the spectra and the built scene. A
 check yields findings (finding.py). refusals.py rejects scenes that cannot be rendered. spectra.py finds the spectra of
-a parsed scene, infrared.py applies the rules of RGB colours beyond 700 nm, and electron_share.py computes how many
-photoelectrons depend on missing data.
+a parsed scene, and infrared.py applies the rules of RGB colours beyond 700 nm.
 """
