@@ -298,7 +298,7 @@ def test_the_exit_code_and_json_tell_light_that_is_wrong_from_notes(
     path = write_scene(tmp_path, scene(element))
     done = cli("lint", path, "--variant", "scalar_spectral")
     assert done.exit_code == code, done.output
-    assert ("nothing to say" in done.stdout) == (not element)
+    assert ("findings: none" in done.stdout) == (not element)
     found = json.loads(cli("lint", path, "--variant", "scalar_spectral", "--json").stdout)
     assert [set(one) for one in found] == [{"level", "where", "what", "remedy"}] * bool(element)
 
