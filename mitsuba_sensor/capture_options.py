@@ -1,4 +1,4 @@
-"""The options of a capture: those of render and exposure, and which files it writes."""
+"""The options of a capture: those of render and exposure, and of files."""
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 from collections.abc import Mapping
@@ -28,15 +28,15 @@ def _checked_lights(name: str, value: object) -> object:
 
 
 class LevelOptions(TypedDict, total=False):
-    """How bright the lamps of light groups are."""
+    """Levels of light groups."""
 
     lights: Annotated[
         Mapping[str, "float | str | Waveform"] | None,
         Option(
-            "Level of a light group, over that of the render: --light lamps=0.2; 0 switches it off. Or a waveform, its "
-            "level in front: 'lamps=2 pwm(100, 0.5)' (Hz, lit share of a period), sine(100, 0.3) (Hz, depth), "
-            "mains(50), table(FILE.csv). Repeatable. For light that was rendered in groups; irradiance.exr keeps the "
-            "groups as they were rendered.",
+            "Set the level of a light group relative to its render, e.g. lamps=0.2; 0 switches it off. A waveform may "
+            "follow the level: 'lamps=2 pwm(100, 0.5)' (Hz, duty cycle), sine(100, 0.3) (Hz, depth), mains(50), "
+            "table(FILE.csv). Repeatable. Needs light rendered with --light-groups, which irradiance.exr keeps "
+            "unchanged.",
             flag="--light",
             metavar="NAME=LEVEL",
             panel="Light groups",
@@ -47,14 +47,14 @@ class LevelOptions(TypedDict, total=False):
 
 
 class LightOptions(FrameOptions, LevelOptions, total=False):
-    """The options of :func:`capture` for irradiance that is rendered already, and of ``mitsuba-sensor expose``."""
+    """The options of :func:`capture` for rendered light, and of ``mitsuba-sensor expose``."""
 
     auto_exposure: Annotated[
         "str | AutoExposure | None",
         Option(
-            "Change exposure time and gain from frame to frame, so that the mean of the frames comes to a share of "
-            "saturation: 'target 0.18, damping 0.5, delay 2'; also shortest_s, longest_s, and mains_hz 50, which keeps "
-            "the time at multiples of half a period. For frames with --fps; the first one has --exposure-s.",
+            "Adapt exposure time and gain between frames until their mean reaches a fraction of saturation, e.g. "
+            "'target 0.18, damping 0.5, delay 2'. Further keys: shortest_s, longest_s, and mains_hz, which keeps the "
+            "time at multiples of half a period. Needs --fps; the first frame uses --exposure-s.",
             metavar="NUMBERS",
             panel="Camera and exposure",
             text=str,
@@ -64,7 +64,7 @@ class LightOptions(FrameOptions, LevelOptions, total=False):
     preview_gain: Annotated[
         float,
         Option(
-            "Brighten frame.png by this factor, with its noise; not frame.tiff.",
+            "Brighten frame.png by this factor, with its noise; frame.tiff is unchanged.",
             1.0,
             low=0,
             high=1e9,
@@ -74,24 +74,24 @@ class LightOptions(FrameOptions, LevelOptions, total=False):
     clean: Annotated[
         bool,
         Option(
-            "Also write clean.tiff [DN] and temporal_variance.tiff [DN²], float32; what the frames of this very camera "
-            "are on average, with its fixed pattern and without temporal noise, and how much they vary.",
+            "Also write the expected frame with fixed-pattern noise (clean.tiff [DN]) and the temporal variance "
+            "(temporal_variance.tiff [DN²]), both float32.",
             False,
         ),
     ]
     dng: Annotated[
         bool,
         Option(
-            "Also write frame.dng, which raw developers open; of several frames one file each, frame_0000.dng and so "
-            "on. For cameras without colour filters or with red, green and blue in 2 × 2, of 16 bits at most.",
+            "Also write frame.dng for raw converters; several frames get one file each, frame_0000.dng and so on. The "
+            "camera must be monochrome or have red, green and blue filters in 2 × 2 tiles, and at most 16 bits.",
             False,
         ),
     ]
     page: Annotated[
         bool,
         Option(
-            "Also write frame.html, a page of the first frame for a browser: a slider over exposure times, the "
-            "expected code and noise of the pixel under the pointer, histogram, noise budget and notes.",
+            "Also write frame.html, a page about the first frame; it has a slider of exposure times, the expected "
+            "code and noise of the pixel under the pointer, a histogram, the noise budget and notes.",
             False,
         ),
     ]
@@ -103,54 +103,51 @@ class CaptureOptions(RenderOptions, LightOptions, total=False):
     render_noise: Annotated[
         Literal["shared", "per-frame"],
         Option(
-            "shared: one render for all frames; per-frame: a render for each frame.",
+            "Render once for all frames (shared), or render each frame with its own render noise (per-frame).",
             "shared",
             panel="Frames and seeds",
         ),
     ]
-    no_irradiance: Annotated[
-        bool, Option("Write no irradiance.exr, which exposes the same light again.", False)
-    ]
+    no_irradiance: Annotated[bool, Option("Omit irradiance.exr, which `expose` needs.", False)]
     half: Annotated[
         bool,
         Option(
-            "Write the bands of irradiance.exr in half precision, rounded by at most 0.05 %: a sixth of the size. "
-            "--bandwidth-nm 40 makes it four times smaller again.",
+            "Write irradiance.exr in half precision, rounded by at most 0.05 % and a sixth as large. --bandwidth-nm 40 "
+            "makes it four times smaller again.",
             False,
         ),
     ]
     aovs: Annotated[
         bool,
         Option(
-            "Also trace AOVs: depth, position, normals, albedo, shapes, optical flow.", False
+            "Also write AOVs: depth, position, normals, albedo, shapes, optical flow.", False
         ),
     ]
 
 
 def refuse_render_options(options: Mapping[str, object]) -> None:
-    """Raise InputError for options of a render where the light is rendered already."""
+    """Raise InputError for options of a render if the light is rendered already."""
     of_light = {
         one.name for kind in (LightOptions, RawLightOptions) for one in declared(kind)
     } | {"gain"}
     for one in declared(CaptureOptions):
         usual = one.option.default
         value = options.get(one.name, usual)
-        if one.name not in of_light and not (
-            isinstance(value, type(usual)) and value == usual
-        ):  # value: any object
+        is_usual = isinstance(value, type(usual)) and value == usual
+        if one.name not in of_light and not is_usual:
             raise InputError(
-                f"{one.name} is for the render of a scene, and this light is rendered already; leave it out."
+                f"{one.name} is for the render of a scene, but this light is rendered already; omit it."
             )
 
 
 def check_asked_files(options: CaptureOptions) -> None:
-    """Raise InputError for files that cannot be written, and frames that cannot be made, whatever the scene."""
+    """Raise InputError for contradictory options of files and frames."""
     times = FrameTimes.of(options)
     if options["auto_exposure"] is not None and times.period_s is None:
         raise InputError(
-            "auto_exposure is for frames that follow each other; give --fps (fps=30), or leave it out."
+            "auto_exposure needs a series of frames; give fps, e.g. 30, or omit auto_exposure."
         )
     if options["half"] and options["no_irradiance"]:
         raise InputError(
-            "half is the precision of irradiance.exr, which is not to be written; leave one of both out."
+            "half is the precision of irradiance.exr, but no_irradiance is given; omit one of them."
         )

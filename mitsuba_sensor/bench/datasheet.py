@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from ..camera.camera import Camera
@@ -78,6 +79,34 @@ def expected(
         if rate > 0:
             exact["T_d"] = _doubling_k(camera, exposure.temperature_k)
     return {symbol: Said(*3 * (value,)) for symbol, value in exact.items()} | said
+
+
+Datasheet = Mapping[str, Mapping[str, Said]]
+"""Figures by the name of the colour filter (empty for a monochrome camera) and by symbol."""
+
+
+def filter_keys(camera: Camera) -> tuple[str, ...]:
+    """Return the names of the colour filters; one empty name for a monochrome camera."""
+    return camera.filter_names if len(camera.filter_names) > 1 else ("",)
+
+
+def expected_of_filters(
+    camera: Camera, exposure: Exposure, efficiency: Sequence[float] | None, pixels: int
+) -> Datasheet:
+    """Return the figures under each colour filter.  efficiency : QE of each filter for the light, or None."""
+    keys = filter_keys(camera)
+    each = [None] * len(keys) if efficiency is None else efficiency
+    return {
+        key: expected(camera, exposure, qe, pixels) for key, qe in zip(keys, each, strict=True)
+    }
+
+
+def of_filter(datasheet: Datasheet, name: str) -> Mapping[str, Said]:
+    """Return the figures of one plane of a mosaic; G (2) is the second plane of the filter G."""
+    for known in (name, name.partition(" (")[0], ""):
+        if known in datasheet:
+            return datasheet[known]
+    return {}
 
 
 def _about(value: float, share: float) -> Said:

@@ -11,7 +11,7 @@ from ..lab.measure.measurement import INSTRUMENTS, Measurement, measure_bench
 from ..lab.quantity import IN_DECIBELS, TWO_SIDED, Quantity
 from ..lab.statistics.estimators import z_limit
 from ..pages.page import Drawing, Mark, MarkedRow, Part, Section, Study, study_of, table
-from .datasheet import Said
+from .datasheet import Datasheet, Said, of_filter
 
 MAIN = ("K", "η", "LE", "σ_d", "µ_e.sat", "SNR_max", "DR", "PRNU1288", "DSNU1288")
 MAIN += ("σ_row", "σ_col", "µ_I.mean", "T_d")
@@ -44,15 +44,15 @@ def figures_of(
 def characterized(
     name: str,
     measured: Sequence[Measurement],
-    datasheet: Mapping[str, Mapping[str, Said]],
+    datasheet: Datasheet,
     **about: object,
 ) -> Study:
     """Return the study of one camera.
 
-    datasheet : figures by filter name and symbol; empty if only frames are known.
+    datasheet : empty if only frames are known.
     about : further facts for the page and report.json.
     """
-    sheets = [datasheet.get(part.filter_name, {}) for part in measured]
+    sheets = [of_filter(datasheet, part.filter_name) for part in measured]
     parts = list(zip(measured, sheets, strict=True))
     limit = z_limit(sum(symbol in sheet for part, sheet in parts for symbol in part.figures))
     figures = {}

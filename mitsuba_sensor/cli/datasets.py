@@ -20,7 +20,7 @@ from .app import Command, Group, app, err, show
 from .arguments import argument, one_of, output
 from .options import Flag
 from .progress import samples_bar, steps_bar
-from .tables import ResultTable, counted, rough
+from .tables import ResultTable, cell, counted, rough
 
 if TYPE_CHECKING:
     from ..dataset.checks import Counts
@@ -159,15 +159,14 @@ def show_command(
     """Show one sample: its settings, signal and noise, files and preview."""
     from ..dataset.read import Dataset
     from ..files.png import write_png
-    from .summaries import sample_facts, sample_sheet
+    from .summaries import sample_facts
 
     samples = Dataset(folder)
     place = samples.place_of(sample)
     facts = {**sample_facts(samples, place, samples[place]), "picture": picture}
     if picture is not None:
         write_png(Path(picture), samples[place].read("preview"))
-    where = picture or "in the shard; --picture FILE.png writes it"
-    show(facts if as_json else sample_sheet(facts, where), as_json)
+    show(facts, as_json, {name: cell(value) for name, value in facts.items()})
 
 
 @dataset.command("status", cls=Command, epilog="Example: mitsuba-sensor dataset status pairs/")

@@ -11,12 +11,12 @@ from ..core import InputError
 from ..core.options import Option, complete, part_of
 from . import arguments, options
 from .app import Command, app, err
-from .measuring import SimulatedFlags, finish, how_made, refuse_beside_frames, write_texts
+from .measuring import SimulatedFlags, finish, how_made, publish, refuse_beside_frames
 from .options import Flag, Flags, StudyFlags
 from .progress import steps_bar
 
 if TYPE_CHECKING:
-    from ..bench.datasheet import Said
+    from ..bench.datasheet import Datasheet
     from ..bench.twin_page import Report
     from ..camera.camera import Camera
     from ..core import Float64Array
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     Maps = Mapping[str, Mapping[str, Float64Array]]
 
 PANEL = "Laboratory"
-PAGE, REPORT = "report.html", "report.json"
 
 Bits: TypeAlias = Annotated[
     int | None,
@@ -34,16 +33,6 @@ Bits: TypeAlias = Annotated[
         "ADC resolution of the frames on disk [bits]. Default: from the files.",
         low=1,
         high=32,
-        panel=PANEL,
-    ),
-]
-WavelengthNm: TypeAlias = Annotated[
-    float | None,
-    Option(
-        "Wavelength of the light [nm]. Default: from the manifest of frames on disk; for simulated frames, the "
-        "wavelength of the camera's highest QE.",
-        low=100,
-        high=1e4,
         panel=PANEL,
     ),
 ]
@@ -62,7 +51,16 @@ class CharacterizeFlags(SimulatedFlags, total=False):
         ),
     ]
     bits: Bits
-    wavelength_nm: WavelengthNm
+    wavelength_nm: Annotated[
+        float | None,
+        Option(
+            "Wavelength of the light [nm]. Default: from the manifest of frames on disk; for simulated frames, the "
+            "wavelength of the camera's highest QE.",
+            low=100,
+            high=1e4,
+            panel=PANEL,
+        ),
+    ]
     rendered: Annotated[
         bool,
         Option(
@@ -87,7 +85,15 @@ class FitFlags(TypedDict, total=False):
         ),
     ]
     bits: Bits
-    wavelength_nm: WavelengthNm
+    wavelength_nm: Annotated[
+        float | None,
+        Option(
+            "Wavelength of the flat fields' light [nm]. Default: from the manifest.",
+            low=100,
+            high=1e4,
+            panel=PANEL,
+        ),
+    ]
     force: options.Forced
 
 
@@ -113,16 +119,12 @@ def characterize(**flags: Flag) -> None:
     """
     from ..core import first_given
     from ..files.appearing import require_folder
-    from ..files.texts import to_json
-    from ..pages.html_page import html
 
     asked = complete(CharacterizeFlags, part_of(CharacterizeFlags, flags))
     folder = first_given(flags["out"], "characterize")
     require_folder(folder)
     study, remark = (_of_files if asked["frames"] else _of_simulation)(flags, asked)
-    with steps_bar(err, "drawing the page"):
-        write_texts(folder, {PAGE: html(study), REPORT: to_json(study.to_dict()) + "\n"})
-    finish(study, folder, (PAGE, REPORT), flags["as_json"], [remark])
+    publish(study, folder, "report", flags["as_json"], [remark])
 
 
 def _of_simulation(flags: Flags, asked: CharacterizeFlags) -> "tuple[Study, str]":
@@ -151,7 +153,7 @@ def _of_simulation(flags: Flags, asked: CharacterizeFlags) -> "tuple[Study, str]
         measured = figures_of(bench, progress)
     kind = "rendered" if asked["rendered"] else "exact"
     about = {"camera": camera.name, **setup._asdict(), "light": kind, **how_made()}
-    sheet = _datasheet(flags, bench, light.efficiency)
+    sheet = _datasheet(flags, bench, light.efficiency.tolist())
     both = ", of both photodiodes of a pixel together" if camera.sensor.dual_pixel else ""
     by_default = "" if flags["camera"] else " (default; choose another with --camera)"
     remark = (
@@ -172,10 +174,11 @@ def _of_files(flags: Flags, asked: CharacterizeFlags) -> "tuple[Study, str]":
         bench = read_bench(frames, lambda done, total: progress(done, total, "reading frames"))
         bench = _at_gain(bench, flags["gain"]).given(asked["bits"], asked["wavelength_nm"])
         measured = figures_of(bench, progress)
-    name, sheet = Path(frames).resolve().name, {}
+    name = Path(frames).resolve().name
+    sheet: Datasheet = {}
     if flags["camera"]:
         camera, wavelength_nm = _camera(flags)[0], bench.wavelength_nm
-        qe = None if wavelength_nm is None else camera.qe([wavelength_nm])[:, 0]
+        qe = None if wavelength_nm is None else camera.qe([wavelength_nm])[:, 0].tolist()
         sheet = _datasheet(flags, bench, qe)
         name = f"{name}, next to the datasheet of {camera.name}"
     stacks = [stack.source for stack in bench.stacks]
@@ -203,22 +206,15 @@ def _camera(flags: Flags) -> "tuple[Camera, float]":
     return camera, exposure.temperature_k
 
 
-def _datasheet(
-    flags: Flags, bench: "Bench", efficiency: "Float64Array | None"
-) -> "dict[str, dict[str, Said]]":
-    """Return the datasheet's figures by filter, at the exposure of the flat fields.  efficiency : QE of each filter."""
-    from ..bench.datasheet import expected
+def _datasheet(flags: Flags, bench: "Bench", efficiency: list[float] | None) -> "Datasheet":
+    """Return the datasheet's figures at the exposure of the flat fields.  efficiency : QE of each filter."""
+    from ..bench.datasheet import expected_of_filters
     from ..core import Exposure
 
     camera, temperature_k = _camera(flags)
     shortest_s = min((stack.exposure_s for stack in bench.flats), default=0.0)
-    exposure, sheet = Exposure(shortest_s, temperature_k), {}
-    for name, plane in bench.of_filters().items():
-        kind = name.partition(" (")[0]  # G (2) is the second place of the filter G in the tile
-        number = camera.filter_names.index(kind) if kind in camera.filter_names else 0
-        qe = None if efficiency is None else float(efficiency[number])
-        sheet[name] = expected(camera, exposure, qe, plane.stacks[0].mean.size)
-    return sheet
+    pixels = next(iter(bench.of_filters().values())).stacks[0].mean.size
+    return expected_of_filters(camera, Exposure(shortest_s, temperature_k), efficiency, pixels)
 
 
 @app.command(

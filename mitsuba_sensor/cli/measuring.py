@@ -13,13 +13,15 @@ from rich.text import Text
 
 from ..core import InputError, require_seed
 from ..core.options import Option
-from .app import show, show_remarks
+from .app import err, show, show_remarks
+from .progress import steps_bar
 from .tables import ResultTable, counted
 
 if TYPE_CHECKING:
     from ..pages.page import Study, Table
 
 PANEL = "Simulated frames"
+NOTHING: Mapping[str, str] = {}
 STYLES = {"good": "green", "bad": "bold red", "best": "bold green", "dim": "dim", "": ""}
 ROWS_MAX = 40
 """A longer table shows only the rows that failed or are recommended."""
@@ -59,14 +61,29 @@ def how_made() -> dict[str, object]:
     return {"command": command, "machine": machine(), "versions": versions()}
 
 
-def write_texts(folder: str, contents: Mapping[str, str]) -> None:
-    """Write text files that appear in a folder together.  contents : by file name."""
+def publish(
+    study: "Study",
+    folder: str,
+    stem: str,
+    as_json: object,
+    remarks: Iterable[str] = (),
+    more: Mapping[str, str] = NOTHING,
+) -> None:
+    """Write the page and the numbers of a study, print it, and exit with code 1 if a check failed.
+
+    stem : of the file names.  more : contents of further files, by name.
+    """
     from ..files import texts
     from ..files.appearing import output_folder
+    from ..pages.html_page import html
 
+    with steps_bar(err, "drawing the page"):
+        numbers = texts.to_json(study.to_dict()) + "\n"
+        contents = {f"{stem}.html": html(study), f"{stem}.json": numbers, **more}
     with output_folder(folder, [*contents]) as scratch:
         for name, content in contents.items():
             texts.write_page(scratch / name, content)
+    finish(study, folder, [*contents], as_json, remarks)
 
 
 def finish(

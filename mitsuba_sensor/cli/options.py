@@ -15,11 +15,11 @@ from ..capture_options import CaptureOptions
 from ..core import InputError, require_seed
 from ..core.options import Declared, Option, declared
 from ..render.options import FileOptions, RenderOptions, SceneOptions
-from ..render.samples import MOST_IN_ALL
 from ..render.variants import VARIANTS
 from ..sensor.options import PERCENTILE, SHARE, FrameOptions, Gain, SensorOptions
 from .app import show_all
 from .arguments import OUTPUT, camera_fields, camera_names, noise_source_names, one_of
+from .flag_names import flag_of
 
 Command = TypeVar("Command", bound=Callable[..., None])
 Flag: TypeAlias = Any
@@ -203,72 +203,6 @@ class StudyFlags(TypedDict, total=False):
     ]
 
 
-class WorkPrecisionFlags(TypedDict, total=False):
-    """Options of ``study work-precision``."""
-
-    tolerance: Annotated[
-        float,
-        Option(
-            "Relative error of a pixel's irradiance that the recommended setting keeps.",
-            0.01,
-            low=1e-6,
-            high=1,
-            example="0.01",
-        ),
-    ]
-    seeds: Annotated[
-        int,
-        Option(
-            "Independent runs of each setting; their spread gives the intervals.",
-            4,
-            low=2,
-            example="4",
-        ),
-    ]
-    sides: Annotated[
-        list[str] | None,
-        Option(
-            "Measure only the render or only the sensor. Repeatable. Default: both.",
-            flag="--side",
-            metavar="render|sensor",
-            text=list[str],
-        ),
-    ]
-    variants: Annotated[
-        list[str] | None,
-        Option(
-            "Mitsuba variant to compare. Repeatable. Default: all that work here.",
-            flag="--variant",
-            metavar="NAME",
-            text=list[str],
-        ),
-    ]
-
-
-class AblationFlags(TypedDict, total=False):
-    """Options of ``study ablation``."""
-
-    tolerance_dn: Annotated[float, Option("Tolerance of the tested plan [DN].", 0.02)]
-    frames: Annotated[int, Option("Frames of each of 8 sensor units.", 8, low=2, example="8")]
-    spp: Annotated[
-        int,
-        Option(
-            "Samples per pixel of the render; renders that are compared have a quarter of them.",
-            32,
-            low=8,
-            high=MOST_IN_ALL,
-            example="32",
-        ),
-    ]
-    seed: Annotated[
-        int | None, Option(f"Seed of the first frame. {FROM_SCENE} 1.", check=require_seed)
-    ]
-    serial: Annotated[
-        int | None,
-        Option(f"Serial number of the first sensor unit. {FROM_SCENE} 1.", check=require_seed),
-    ]
-
-
 HELP_ALL = inspect.Parameter(
     "help_all",
     inspect.Parameter.KEYWORD_ONLY,
@@ -289,8 +223,6 @@ PANELS: dict[type, str] = {
     SensorOptions: "Sensor",
     FrameOptions: "Frames and seeds",
     CaptureOptions: OUTPUT,
-    WorkPrecisionFlags: "Study",
-    AblationFlags: "Study",
 }
 """Titles in ``--help``; an option stands under the first of these that declares it."""
 
@@ -343,7 +275,7 @@ def _type(one: Declared) -> Flag:
 
     Numbers are texts, so a wrong number gets the same sentence as in Python.
     """
-    flag, kinds = one.option.flag or f"--{one.name.replace('_', '-')}", one.kinds
+    flag, kinds = flag_of(one), one.kinds
     numeric = NUMBERS.get(kinds)
     text: Flag = one.option.text or (str if one.choices or numeric else kinds[0])
     titles = (title for kind, title in PANELS.items() if one.name in kind.__annotations__)

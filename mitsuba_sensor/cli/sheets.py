@@ -8,7 +8,7 @@ from ..core import InputError
 from ..core.options import Option, complete, part_of
 from . import arguments, options
 from .app import Command, app, err
-from .measuring import SimulatedFlags, finish, how_made, refuse_beside_frames, write_texts
+from .measuring import SimulatedFlags, how_made, publish, refuse_beside_frames
 from .options import CameraFlags, Flag, Flags, StudyFlags, number
 from .progress import steps_bar
 
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from ..pages.page import Study
 
 PANEL = "Sheet"
-FILES = "sheet.html", "sheet.json", "sheet.csv"
-COMPARISON = "comparison.html", "comparison.json", "comparison.csv"
 
 
 class SheetFlags(SimulatedFlags, total=False):
@@ -87,8 +85,6 @@ def sheet(
     from ..bench.sheet.page import csv_text
     from ..core import first_given
     from ..files.appearing import require_folder
-    from ..files.texts import to_json
-    from ..pages.html_page import html
 
     asked = complete(SheetFlags, part_of(SheetFlags, flags))
     folder = first_given(flags["out"], "sheet")
@@ -100,11 +96,9 @@ def sheet(
             study = _of_frames(camera, asked, flags, progress)
         else:
             study = _of_camera(camera, asked, flags, progress)
-        progress(1, 1, "drawing the page")
-        texts = html(study), to_json(study.to_dict()) + "\n", csv_text(study.data["rows"])
-    names = FILES if study.name == "sheet" else COMPARISON
-    write_texts(folder, dict(zip(names, texts, strict=True)))
-    finish(study, folder, names, flags["as_json"])
+    stem = "sheet" if compare is None else "comparison"
+    table = {f"{stem}.csv": csv_text(study.data["rows"])}
+    publish(study, folder, stem, flags["as_json"], more=table)
 
 
 def _of_camera(

@@ -1,27 +1,114 @@
 """The commands below study: error and run time, what can be omitted, stiff and extreme cases."""
 
+# Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 import shlex
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
-from ..core import require
-from ..core.options import complete, part_of
+from ..core import require, require_seed
+from ..core.options import Option, complete, part_of
 from ..render.options import SceneOptions
+from ..render.samples import MOST_IN_ALL
 from . import arguments, options
 from .app import Command, Group, app, err
-from .options import AblationFlags, Flag, Flags, StudyFlags, WorkPrecisionFlags
+from .options import Flag, Flags, StudyFlags
 from .progress import share_bar
 
 if TYPE_CHECKING:
     from ..pages.page import Study
     from ..study.kit import Progress, Subject
     from .inputs import RenderInput
+
+PANEL = "Study"
+
+
+class WorkPrecisionFlags(TypedDict, total=False):
+    """Options of ``study work-precision``."""
+
+    tolerance: Annotated[
+        float,
+        Option(
+            "Relative error of a pixel's irradiance that the recommended setting keeps.",
+            0.01,
+            low=1e-6,
+            high=1,
+            example="0.01",
+            panel=PANEL,
+        ),
+    ]
+    seeds: Annotated[
+        int,
+        Option(
+            "Independent runs of each setting; their spread gives the intervals.",
+            4,
+            low=2,
+            example="4",
+            panel=PANEL,
+        ),
+    ]
+    sides: Annotated[
+        list[str] | None,
+        Option(
+            "Measure only the render or only the sensor. Repeatable. Default: both.",
+            flag="--side",
+            metavar="render|sensor",
+            text=list[str],
+            panel=PANEL,
+        ),
+    ]
+    variants: Annotated[
+        list[str] | None,
+        Option(
+            "Mitsuba variant to compare. Repeatable. Default: all that work here.",
+            flag="--variant",
+            metavar="NAME",
+            text=list[str],
+            panel=PANEL,
+        ),
+    ]
+
+
+class AblationFlags(TypedDict, total=False):
+    """Options of ``study ablation``."""
+
+    tolerance_dn: Annotated[
+        float, Option("Tolerance of the tested plan [DN].", 0.02, panel=PANEL)
+    ]
+    frames: Annotated[
+        int, Option("Frames of each of 8 sensor units.", 8, low=2, example="8", panel=PANEL)
+    ]
+    spp: Annotated[
+        int,
+        Option(
+            "Samples per pixel of the render; renders that are compared have a quarter of them.",
+            32,
+            low=8,
+            high=MOST_IN_ALL,
+            example="32",
+            panel=PANEL,
+        ),
+    ]
+    seed: Annotated[
+        int | None,
+        Option(
+            f"Seed of the first frame. {options.FROM_SCENE} 1.", check=require_seed, panel=PANEL
+        ),
+    ]
+    serial: Annotated[
+        int | None,
+        Option(
+            f"Serial number of the first sensor unit. {options.FROM_SCENE} 1.",
+            check=require_seed,
+            panel=PANEL,
+        ),
+    ]
+
 
 study = typer.Typer(
     cls=Group,

@@ -10,6 +10,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ..core import by_weight
+from .flag_names import with_flags
 from .tables import counted, fact, number
 
 if TYPE_CHECKING:
@@ -39,7 +40,9 @@ def summary(report: Report, folder: str) -> RenderableType:
     report : contents of frame.json.
     """
     notes = by_weight(report["notes"])
-    lines = [Text.assemble(("note: ", "bold yellow"), note) for note in notes[:NOTES_MAX]]
+    lines = [
+        Text.assemble(("note: ", "bold yellow"), with_flags(note)) for note in notes[:NOTES_MAX]
+    ]
     if len(notes) > NOTES_MAX:
         lines.append(Text(f"{counted(len(notes) - NOTES_MAX, 'more note')}: frame.json"))
     facts = (fact(name, text) for name, text in _facts(report))
@@ -127,45 +130,3 @@ def sample_facts(dataset: Dataset, place: int, sample: Sample) -> dict[str, Any]
         "noise": noise,
         "files": {name: len(content) for name, content in sorted(files.items())},
     }
-
-
-def sample_sheet(facts: dict[str, Any], picture: str) -> RenderableType:
-    """Return one line for each fact of :func:`sample_facts`.  picture : its place."""
-    from ..dataset.card import time_text
-
-    image, noise = facts["image"], facts["noise"]
-    split = f", split {facts['split']}" if facts["split"] else ""
-    head = f"sample {facts['number']} of {facts['samples']}{split}, key {facts['key']}"
-    settings = [f"{name} {x}" for name, x in facts["settings"].items() if name != "pose"]
-    files = [f"{name} ({size / 1e3:.3g} kB)" for name, size in facts["files"].items()]
-    black, white = number(image["black_level_dn"]), number(image["white_level_dn"])
-    _, low_e, median_e, high_e, _ = map(number, facts["electrons_quantiles_e"])
-    _, low_dn, median_dn, high_dn, _ = map(number, facts["digital_quantiles_dn"])
-    noises = [f"K {number(noise['system_gain_dn_per_e'])} DN/e-"]
-    if "temporal_dark_noise_e" in noise:
-        noises.append(f"temporal dark noise {number(noise['temporal_dark_noise_e'])} e-")
-        noises.append(f"saturation {number(noise['saturation_e'])} e-")
-    if "snr" in noise:
-        median = f"temporal noise {number(noise['temporal_noise_dn'])} DN in the median pixel"
-        noises.append(f"{median}, SNR {number(noise['snr'])}")
-    ratio = number(noise["render_noise_ratio"])
-    noises.append(f"render variance {ratio} × the sensor's at the view's exposure")
-    return Group(
-        Text(head, style="bold"),
-        fact("shard", facts["shard"]),
-        fact("settings", ", ".join(settings)),
-        fact(
-            "image",
-            f"{counted(image['frames'], 'frame')} of {image['columns']} × {image['rows']} pixels, "
-            f"{time_text(image['exposure_s'])} at {image['temperature_k']:.6g} K, black level {black} DN, white level "
-            f"{white} DN",
-        ),
-        fact(
-            "signal",
-            f"median {median_e} e- (98 % of the pixels from {low_e} to {high_e}), {median_dn} DN ({low_dn} to "
-            f"{high_dn})",
-        ),
-        fact("noise", "; ".join(noises)),
-        fact("files", ", ".join(files)),
-        fact("image file", picture),
-    )

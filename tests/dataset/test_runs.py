@@ -325,9 +325,9 @@ def test_the_command_makes_shows_and_verifies_a_dataset(tmp_path: Path, cli: Cli
     planned = cli("dataset", "plan", file, "--json")
     assert planned.exit_code == 0 and json.loads(planned.stdout)["forecast"]["seconds"] > 0
     done = cli("dataset", "run", file, "-o", tmp_path / "out", "--workers", "0")
-    assert done.exit_code == 0 and "1 samples made" in done.stdout
+    assert done.exit_code == 0 and "1 new sample," in done.stdout
     again = cli("dataset", "run", file, "-o", tmp_path / "out", "--workers", "0")
-    assert "0 samples made, 1 were there already" in again.stdout
+    assert "0 new samples, 1 already existed" in again.stdout
     status = json.loads(cli("dataset", "status", tmp_path / "out", "--json").stdout)
     assert status["there"] == status["samples"] == 1 and not status["failed"]
     assert "every file is unchanged" in cli("dataset", "verify", tmp_path / "out").stdout

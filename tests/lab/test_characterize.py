@@ -10,7 +10,12 @@ from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.bench.datasheet import Said, expected
-from mitsuba_sensor.bench.figures_page import beside_datasheet, characterized, figures_of
+from mitsuba_sensor.bench.figures_page import (
+    beside_datasheet,
+    characterized,
+    figure_row,
+    figures_of,
+)
 from mitsuba_sensor.bench.virtual_bench import FLAT_S, Setup, rendered_field, virtual_bench
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.lab.frames.bench import Bench
@@ -133,6 +138,17 @@ def test_a_standard_deviation_that_should_be_0_is_judged_by_its_square() -> None
     figure = ms.lab.Quantity("σ_col", "column noise", np.sqrt(3), low, high, "e-", "")
     beside = beside_datasheet(figure, {"σ_col": Said(0.0, 0.0, 0.0)})
     assert beside["z"] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(
+    ("interval", "shown"), [((np.nan, 0.0, 3.2), "< 3.2"), ((3e4, 3e4, np.inf), "> 3e+04")]
+)
+def test_a_limit_is_shown_as_one_and_not_judged(
+    interval: tuple[float, float, float], shown: str
+) -> None:
+    figure = ms.lab.Quantity("σ_d", "a figure", *interval, "e-", "")
+    mark, cells = figure_row(figure, {"σ_d": Said(1.0, 1.0, 1.0)}, 3.0)
+    assert mark == "" and cells[2] == shown
 
 
 def test_ratios_stand_in_the_page_as_ratios_and_in_db(small: Bench) -> None:

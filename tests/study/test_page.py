@@ -187,6 +187,13 @@ def test_the_terminal_shows_verdict_findings_and_tables() -> None:
         assert label in said
 
 
+def test_the_terminal_shows_the_columns_that_a_table_names() -> None:
+    rows = [("good", ("K", 0.5, "a long note"))]
+    said = shown(study(table("t", "symbol | value | note", rows, terminal="symbol | value")))
+    assert "holds" in said and "0.5" in said and "note" not in said
+    assert "symbol" not in shown(study(table("t", "symbol", [("", ("K",))], terminal="")))
+
+
 def test_of_a_long_table_the_terminal_shows_what_is_not_as_it_must_be() -> None:
     rows = tuple((f"case {i}", i) for i in range(ROWS_MAX + 1))
     marks = tuple("bad" if i == 7 else "good" for i in range(len(rows)))

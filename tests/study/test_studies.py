@@ -77,6 +77,7 @@ def test_changes_of_moments_are_those_of_mean_and_sigma() -> None:
 def ablated(tmp_path_factory: pytest.TempPathFactory) -> Study:
     with pytest.MonkeyPatch.context() as small:
         small.setattr(of_ablation, "TURNS", 2)
+        small.setattr(of_ablation, "SENSORS", 4)
         return ablation(subject_of(tmp_path_factory.mktemp("scene")), silent, frames=4)
 
 
@@ -89,7 +90,7 @@ def test_the_plan_keeps_its_tolerance_and_every_source_is_left_out_once(ablated:
 
 
 def test_without_dark_current_the_mean_falls_by_its_closed_form(ablated: Study) -> None:
-    """174.158 e- (paper eq. 1 at 25 °C in 0.1 s) times K = 4096/33 000 DN/e-, to 5 standard errors of 64 pixels."""
+    """174.158 e- (paper eq. 1 at 25 °C in 0.1 s) times K = 4096/33 000 DN/e-, to 5 standard errors of 4 × 64 pixels."""
     change = rows(ablated, "Changes without each noise source")["dark current"]["mean [DN]"]
     assert change == pytest.approx(-174.158 * 4096 / 33_000, abs=0.3)
 

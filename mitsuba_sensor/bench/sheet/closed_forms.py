@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 from ...camera.camera import Camera
 from ...camera.figures import QUANTISATION_DN2, emva_figures
@@ -12,15 +11,13 @@ from ...lab.frames.bench import Bench
 from ...lab.frames.stack import COARSE_DN2, rounding_shift_dn
 from ...lab.measure.image_quality.step_chart import NOISE_CONSTANT, SATURATION_CONSTANT
 from ...stages.stage import converter_of
-from ..datasheet import SIGMAS, Said, expected
+from ..datasheet import SIGMAS, Datasheet, Said, expected, expected_of_filters, filter_keys
 from ..virtual_bench import bench_shape, best_wavelength_nm, field_at
 from .chart import Lights, Setting
 from .charts import EMVA_SIDE
 from .optics import levels_of_filters
 from .patches import STEPS_GRID, steps_light
 
-Theory = Mapping[str, Mapping[str, Said]]
-"""Figures by the name of the colour filter (empty for a monochrome camera) and by symbol."""
 DEFAULT_TEMPERATURE_K = 298.15
 """Temperature of frames that do not state theirs."""
 SMOOTH_DN2 = 2 * COARSE_DN2
@@ -29,12 +26,7 @@ ROUNDING_DN = 0.5
 """Largest shift of a mean by rounding."""
 
 
-def names_of(camera: Camera) -> tuple[str, ...]:
-    """Return the names of the colour filters; one empty name for a monochrome camera."""
-    return camera.filter_names if len(camera.filter_names) > 1 else ("",)
-
-
-def closed_form(name: str, setting: Setting, lights: Lights) -> Theory:
+def closed_form(name: str, setting: Setting, lights: Lights) -> Datasheet:
     """Return the theory of a chart by its name."""
     camera = setting.camera
     if name == "steps":
@@ -42,33 +34,24 @@ def closed_form(name: str, setting: Setting, lights: Lights) -> Theory:
         electrons = levels_of_filters(camera, photons[-1], lights[0].bands) / exposures[-1]
         return {
             name: steps_figures(setting, float(per_lxs), float(exposures.mean()))
-            for name, per_lxs in zip(names_of(camera), electrons, strict=True)
+            for name, per_lxs in zip(filter_keys(camera), electrons, strict=True)
         }
     rows, columns = bench_shape(camera, EMVA_SIDE)
     pixels = (rows // len(camera.tile)) * (columns // len(camera.tile[0]))
-    return of_datasheet(camera, setting.exposure, best_wavelength_nm(camera), pixels)
+    efficiency = field_at(camera, best_wavelength_nm(camera)).efficiency.tolist()
+    return expected_of_filters(camera, setting.exposure, efficiency, pixels)
 
 
-def theory_of_bench(camera: Camera, bench: Bench) -> Theory:
+def theory_of_bench(camera: Camera, bench: Bench) -> Datasheet:
     """Return a datasheet's figures for frames from disk, at the exposure of their flat fields."""
     first = next(iter((*bench.flats, *bench.stacks)))
     kelvin = DEFAULT_TEMPERATURE_K if first.temperature_k is None else first.temperature_k
     exposure = Exposure(min(one.exposure_s for one in bench.flats or (first,)), kelvin)
     pixels = next(iter(first.of_filters().values())).mean.size
-    return of_datasheet(camera, exposure, bench.wavelength_nm, pixels)
-
-
-def of_datasheet(
-    camera: Camera, exposure: Exposure, wavelength_nm: float | None, pixels: int
-) -> Theory:
-    """Return the EMVA 1288 figures.  wavelength_nm : of the light, or None.  pixels : measured under each filter."""
-    efficiency = [None] * len(camera.filter_names)
-    if wavelength_nm is not None:
-        efficiency = field_at(camera, wavelength_nm).efficiency.tolist()
-    return {
-        name: expected(camera, exposure, qe, pixels)
-        for name, qe in zip(names_of(camera), efficiency, strict=True)
-    }
+    efficiency = None
+    if bench.wavelength_nm is not None:
+        efficiency = field_at(camera, bench.wavelength_nm).efficiency.tolist()
+    return expected_of_filters(camera, exposure, efficiency, pixels)
 
 
 def steps_figures(

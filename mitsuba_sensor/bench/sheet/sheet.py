@@ -19,11 +19,11 @@ from ...files.texts import Facts, read_toml
 from ...lab.frames.bench import Bench, read_bench
 from ...lab.frames.stack import rounding_shift_dn
 from ...lab.quantity import Quantity, no_value
-from ..datasheet import SIGMAS, Said
+from ..datasheet import SIGMAS, Datasheet, Said, of_filter
 from ..figures_page import beside_datasheet, has_interval
 from .chart import Chart, Draw, Lights, Measured, Setting, Taken
 from .charts import CHARTS
-from .closed_forms import ROUNDING_DN, Theory, closed_form, theory_of_bench
+from .closed_forms import ROUNDING_DN, closed_form, theory_of_bench
 from .light import light_of
 
 Report = Callable[[int, int, str], None]
@@ -96,7 +96,7 @@ class ChartPart:
     picture: Float64Array | None = None
     refused: Sequence[str] = ()
     tile: tuple[int, int] = (1, 1)
-    at_kelvin: Callable[[float], Theory] | None = None
+    at_kelvin: Callable[[float], Datasheet] | None = None
 
 
 def settings_of(
@@ -169,7 +169,7 @@ def simulated_part(chart: Chart, setting: Setting, lights: Lights) -> ChartPart:
     return replace(part, rows=[*part.rows, last])
 
 
-def _at_kelvin(name: str, setting: Setting, lights: Lights, kelvin: float) -> Theory:
+def _at_kelvin(name: str, setting: Setting, lights: Lights, kelvin: float) -> Datasheet:
     return closed_form(name, setting._replace(temperature_k=kelvin), lights)
 
 
@@ -187,7 +187,7 @@ def theory_of(
     return {one.filter_name: one for one in measured}
 
 
-def _said(chart: Chart, taken: Taken, ideal: Mapping[str, Measured]) -> Theory:
+def _said(chart: Chart, taken: Taken, ideal: Mapping[str, Measured]) -> Datasheet:
     """Return theory with the range of single sensor units, and of units whose black level rounding shifts."""
     units = [theory_of(chart, taken, pictures) for pictures in taken.chips]
     shifted = [theory_of(chart, taken, pictures) for pictures in _shifted_by_rounding(taken)]
@@ -218,7 +218,7 @@ def _shifted_by_rounding(taken: Taken) -> list[Float64Array]:
 
 
 def part_of_frames(
-    chart: Chart, name: str, taken: Taken, theory: Theory, ideal: Mapping[str, Measured]
+    chart: Chart, name: str, taken: Taken, theory: Datasheet, ideal: Mapping[str, Measured]
 ) -> ChartPart:
     """Measure frames with the instrument of a chart.  name : of the chart on the sheet."""
     first = next(iter((*taken.bench.flats, *taken.bench.scenes, *taken.bench.stacks)))
@@ -227,7 +227,7 @@ def part_of_frames(
     refused: list[str] = []
     for measured in chart.instrument(taken):
         filter_name = measured.filter_name
-        said = theory.get(filter_name) or theory.get(filter_name.partition(" (")[0], {})
+        said = of_filter(theory, filter_name)
         rows += [
             Row(name, filter_name, first.gain, first.temperature_k, one, said.get(one.symbol))
             for one in measured.figures
@@ -267,7 +267,7 @@ def sheet_of_frames(path: Path, camera: Camera | None, report: Report) -> list[C
         bench, facts = read_bench(folder), facts_of(folder)
         for gain in bench.gains:
             taken = Taken(bench.at_gain(gain), facts)
-            theory: Theory = {}
+            theory: Datasheet = {}
             if camera is not None and chart.kind == "emva":
                 theory = theory_of_bench(camera, taken.bench)
             parts.append(part_of_frames(chart, folder.name, taken, theory, {}))
