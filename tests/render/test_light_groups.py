@@ -267,7 +267,7 @@ BAD = {
     ),
     "negative level": ({"light_groups": "auto", "lights": {"env": -1}}, "the level of env"),
     "no level": ({"lights": ["env"]}, "neither a level nor a waveform"),
-    "no groups to change": ({"lights": {"env": 1}}, "--light-groups auto"),
+    "no groups to change": ({"lights": {"env": 1}}, "light_groups='auto'"),
     "a render for each frame": (
         {"lights": {"env": 1}, "render_noise": "per-frame"},
         "omit one of them",

@@ -201,7 +201,7 @@ class Irradiance:
         if self.raw is None and self.statistics.denoised is not None:
             raise InputError(
                 "raw_light needs undenoised light, but this light is only kept denoised; render it again with "
-                "raw_light=True (--raw-light)."
+                "raw_light=True."
             )
         if self.raw is None:
             return self

@@ -74,8 +74,7 @@ def check_group_names(lights: Iterable[str], groups: Collection[str]) -> None:
     """Raise InputError for names that are not light groups of the light."""
     if not groups:
         raise InputError(
-            "the light was rendered as a whole, without light groups; render it with light_groups='auto' "
-            "(`--light-groups auto`)."
+            "the light was rendered as a whole, without light groups; render it with light_groups='auto'."
         )
     if OF_PHOTODIODES["left"] in groups:
         raise InputError(

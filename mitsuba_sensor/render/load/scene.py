@@ -119,9 +119,9 @@ class Scene:
             )
         except RuntimeError as error:
             variant = mitsuba().variant()
-            remedy = "integrator='path' (--integrator path; volpath if it has media)"
+            remedy = "integrator='path' ('volpath' if it has media)"
             if not variant.startswith("scalar"):
-                remedy += " or variant='scalar_spectral' (--variant)"
+                remedy += " or variant='scalar_spectral'"
             first = plain_message(RuntimeError(str(error).split("\n\n")[0]))
             raise InputError(
                 f"the scene cannot be rendered in {variant} ({first}); try {remedy}."

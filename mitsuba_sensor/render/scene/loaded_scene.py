@@ -114,7 +114,7 @@ def why_no_image(kind: str) -> str:
     """Return why a sensor of this type cannot be rendered, and what to do, as the end of a sentence."""
     if kind.lower().startswith("batch"):
         return (
-            f"a {kind!r} puts several sensors on one film; move its sensors into the scene, so `--sensor all` takes a "
+            f"a {kind!r} puts several sensors on one film; move its sensors into the scene, so sensor='all' takes a "
             "frame of each"
         )
     return f"a sensor of type {kind!r} takes no image; it must be one of {', '.join(IMAGING)}"

@@ -76,7 +76,7 @@ def _remedy(message: str, values: Mapping[str, str]) -> str:
 def remedy_for(kind: str) -> str:
     """Return what to write instead of an unknown plugin type, from the full stop or semicolon."""
     if kind in gradient_integrators():
-        return "; it computes gradients and needs an llvm or cuda variant; `--integrator path` renders without them."
+        return "; it computes gradients and needs an llvm or cuda variant; integrator='path' renders without them."
     native = (file.stem for file in (_own_folder() / "plugins").iterdir())
     return f".{nearest(kind, sorted({*OWN_PLUGINS, *native, *gradient_integrators()}))}"
 

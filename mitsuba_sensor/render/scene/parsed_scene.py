@@ -204,7 +204,7 @@ class ParsedScene:
         if columns * rows > PIXELS_MAX:
             raise InputError(
                 f"scene {self.name!r} has a film of {columns} × {rows} pixels; at most {PIXELS_MAX} are allowed: crop "
-                "it, or take fewer columns with width= (--width)."
+                "it, or take fewer columns with width=."
             )
         return size
 
@@ -264,7 +264,7 @@ class ParsedScene:
         if self.variant.reason == "asked for" or self.holds_objects:
             raise InputError(
                 f"{what}, which {self.variant.name} does not follow; load and render the scene in variant "
-                f"{variant.name!r}, or ignore_polarization (--ignore-polarization) for unpolarised light."
+                f"{variant.name!r}, or ignore_polarization=True for unpolarised light."
             )
         use(variant)
         return replace(self, variant=variant, config=parser_config())
