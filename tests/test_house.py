@@ -481,10 +481,10 @@ LINES_OF_A_MODULE, PARAMETERS = 420, 8
 
 TOKENS_MAX = {
     ".": 8033,
-    "bench": 23268,
+    "bench": 23275,
     "benchmarks": 25376,
     "camera": 24845,
-    "cli": 20783,
+    "cli": 20803,
     "core": 24509,
     "dataset": 43354,
     "examples": 8792,

@@ -13,8 +13,22 @@ from ..lab.statistics.estimators import z_limit
 from ..pages.page import Drawing, Mark, MarkedRow, Part, Section, Study, study_of, table
 from .datasheet import Datasheet, Said, of_filter
 
-MAIN = ("K", "η", "LE", "σ_d", "µ_e.sat", "SNR_max", "DR", "PRNU1288", "DSNU1288")
-MAIN += ("σ_row", "σ_col", "µ_I.mean", "T_d")
+MAIN = [
+    "K",
+    "η",
+    "LE",
+    "σ_d",
+    "µ_e.sat",
+    "SNR_max",
+    "DR",
+    "PRNU1288",
+    "DSNU1288",
+    "σ_row",
+    "σ_col",
+    "µ_I.mean",
+    "T_d",
+]
+"""Symbols of the main figures."""
 ROOTS = "σ_", "DSNU", "PRNU"
 """Beginnings of the symbols of figures that are roots of variances."""
 INTERVAL_DIGITS, DECIMALS_MAX = 2, 6
