@@ -493,7 +493,7 @@ TOKENS_MAX = {
     "lab": 68144,
     "optics": 17471,
     "output": 24845,
-    "pages": 3425,
+    "pages": 3457,
     "render": 79538,
     "reproduction": 12087,
     "sensor": 13969,
