@@ -60,7 +60,7 @@ def open_stream(
     seed: int = 1,
     serial: int = 1,
 ) -> Iterator[NDArray[Any]]:
-    """Frames (H, W), one per ``next()``. FPN maps are computed here."""
+    """Yield frames (H, W); the FPN maps are computed here."""
     if name == PLAIN:
         return PlainChain(photons, camera, exposure, seed)
     return ms.stream(
@@ -71,7 +71,7 @@ def open_stream(
 def next_frame(
     name: str, photons: NDArray[np.float64], camera: ms.Camera
 ) -> Callable[[], NDArray[Any]]:
-    """A task for ``alternate``: the next frame of an open stream.
+    """Return a task for ``alternate``: the next frame of an open stream.
 
     A compiled backend computes several frames per turn, as in a stream, where one frame is computed while the next is
     traced. At the end of the turn the task waits for the frame that has begun, so that turns do not overlap.
@@ -90,7 +90,7 @@ def next_frame(
 
 
 def refusal(name: str, camera: ms.Camera) -> str | None:
-    """Why this backend does not work on this machine, or None if it does."""
+    """Return why this backend does not work on this machine, or None."""
     try:
         next(open_stream(name, np.ones((4, 4)), camera))
     except ms.InputError as error:
@@ -105,20 +105,11 @@ def main() -> None:
     options.engines = [name for name in options.engines if name not in refused]
     parts = {name: PARTS[name](options) for name in options.parts}
     results = {**machine(), "turns": options.turns, "refused": refused, **parts}
-    if options.json:
-        print(json.dumps(results))
-        return
-    print(f"{results['processor']}, {results['cpus']} CPUs, {options.turns} turns")
-    for name, why in refused.items():
-        print(f"{name}: {why}")
-    for part, rows in parts.items():
-        print(f"\n{part}")
-        for line in lines(rows):
-            print("  " + line)
+    print(json.dumps(results) if options.json else "\n".join(lines(results)))
 
 
 def parsed() -> argparse.Namespace:
-    """The command-line options."""
+    """Parse the command-line options."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -155,7 +146,7 @@ def parsed() -> argparse.Namespace:
 
 
 def cases(options: argparse.Namespace) -> dict[str, Any]:
-    """Speed for every size, level and content; the smallest and the median ratio of every backend."""
+    """Return the speed for every size, level and content, and the smallest and median ratio of every backend."""
     rows = []
     for mpx, electrons, content in product(options.mpx, options.electrons, options.content):
         photons = photon_map(full_chain(), electrons, content, shape_of(mpx))
@@ -176,7 +167,7 @@ def cases(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def first(options: argparse.Namespace) -> dict[str, Any]:
-    """First frames of new processes, without and with compiled kernels on disk."""
+    """Return times of first frames of new processes, without and with compiled kernels on disk."""
     mpx, electrons = middle(options.mpx), middle(options.electrons)
     found = {}
     for engine in options.engines:
@@ -199,7 +190,7 @@ def first(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def first_frame(engine: str, mpx: float, electrons: float) -> dict[str, float]:
-    """In a child process: seconds of the first frame, of its compilation, and the median of three later frames.
+    """Return the seconds of the first frame, of its compilation, and the median of three later frames.
 
     The compilation time is Dr.Jit's own record: writing, compiling or reading kernels.
     """
@@ -219,7 +210,7 @@ def first_frame(engine: str, mpx: float, electrons: float) -> dict[str, float]:
 
 
 def middle(values: list[float]) -> float:
-    """The median, or the smaller of the two middle values."""
+    """Return the median, or the smaller of the two middle values."""
     return statistics.median_low(values)
 
 

@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from timing import lines
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.light.photons import mean_electrons
@@ -68,20 +69,11 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     rows = [row for scene in options.scenes for row in of_scene(scene, options)]
-    if options.json:
-        print(json.dumps(rows))
-        return
-    for row in rows:
-        print(f"{row['scene']}, {row['spp']} samples")
-        for kind in KINDS:
-            one, names = row[kind], (*FIGURES, "bias", "z1", "z2", "denoised")
-            found = ", ".join(f"{name} {one[name]:.4g}" for name in names)
-            gain = ", ".join(f"{x:.3g}" for x in one["equal_time"])
-            print(f"    {kind:9s}{found}, {one['seconds']:.2f} s; equal time {gain}")
+    print(json.dumps(rows) if options.json else "\n".join(lines(rows)))
 
 
 def of_scene(scene: Path, options: argparse.Namespace) -> list[Row]:
-    """One row for each number of samples."""
+    """Return one row for each number of samples."""
     asked = {"wavelength_nm": 550, "width": options.width}
     job = prepare(scene, CAMERA, ms.Exposure(1.0), **asked)
     _, pilot, *_ = made(job, PILOT_SPP, 0, denoise=False)
@@ -107,7 +99,7 @@ def of_scene(scene: Path, options: argparse.Namespace) -> list[Row]:
 
 
 def made(job: PreparedRender, spp: int, seed: int, denoise: bool) -> Made:
-    """One render, whose light is denoised or not."""
+    """Render once, with or without denoising."""
     started = time.process_time()
     decided = replace(job, options={**job.options, "denoise": denoise})
     light = decided.render(hashed_seed(seed, spp, 0), stop_criterion_of({"spp": spp}))

@@ -1,4 +1,4 @@
-"""Round trips of random cameras: frames of a camera are fitted, and every parameter should come back.
+"""Fit frames of random cameras, and compare every parameter with its true value.
 
     python benchmarks/fit_round_trips.py --seeds 200
 
@@ -30,7 +30,7 @@ FLAT_S = 0.01
 
 @dataclass(frozen=True)
 class Trip:
-    """A camera and the chip that its frames are from, with the number of frames of a stack."""
+    """A camera, the serial number of its frames, and the number of frames in a stack."""
 
     camera: ms.Camera
     serial: int
@@ -38,13 +38,13 @@ class Trip:
 
     @property
     def end_e(self) -> float:
-        """Electrons that end the range: the full well, or the largest code."""
+        """Electrons at the end of the range: the full well, or the full-scale code."""
         camera = self.camera
         codes = 2**camera.adc.bits - 1 - camera.adc.black_level_dn
         return float(min(camera.pixel.full_well_e, codes / gain_dn_per_e(camera)))
 
     def stack(self, photons: float, time_s: float, frames: int, seed: int) -> Stack:
-        """Frames of uniform light."""
+        """Return frames of uniform illumination."""
         exposure = ms.Exposure(time_s, KELVIN)
         made = ms.expose(
             photons, self.camera, exposure, frames=frames, serial=self.serial, seed=seed
@@ -60,7 +60,7 @@ class Trip:
         )
 
     def bench(self) -> Bench:
-        """Bias, dark frames of three times, and flat fields, one of them with more frames."""
+        """Return bias frames, dark frames of three exposure times, and flat fields, one of them with more frames."""
         first, rate = 1000 * self.serial, self.camera.dark_current.rate_e_per_s
         longest = min(0.1 * self.end_e / rate, 600.0)
         bias = self.stack(0.0, 0.0, self.frames, first)
@@ -81,7 +81,7 @@ class Trip:
         return Bench((bias,), tuple(darks), tuple(flats))
 
     def put_in(self) -> dict[str, float]:
-        """What the figures of the fit should be; of black level and dark current those of this chip."""
+        """Return the true figures; black level and dark current are those of this sensor unit."""
         camera, gain = self.camera, gain_dn_per_e(self.camera)
         maps = ms.fpn_maps(camera, serial=self.serial)
         offsets = sum(
@@ -109,7 +109,7 @@ class Trip:
 
 
 def random_trip(seed: int, size: int = 80, frames: int = 24) -> Trip:
-    """A camera whose parameters the frames can show."""
+    """Return a camera whose parameters can be measured in its frames."""
     rng = np.random.default_rng(seed)
 
     def between(low: float, high: float) -> float:
@@ -159,13 +159,13 @@ def random_trip(seed: int, size: int = 80, frames: int = 24) -> Trip:
 def results(
     seeds: range, size: int = 80, frames: int = 24
 ) -> Iterator[tuple[int, str, float, Quantity]]:
-    """(seed, symbol, value that was put in, figure) of every parameter of every camera."""
+    """Yield (seed, symbol, true value, figure) of every parameter of every camera."""
     for seed in seeds:
         trip = random_trip(seed, size, frames)
         figures = fit(trip.bench()).figures()
         found = {name: figure.quantity for name, figure in figures.items()}
         for symbol, value in trip.put_in().items():
-            if symbol in found and not (symbol == "µ_e.end" and math.isinf(found[symbol].high)):
+            if symbol in found:
                 yield seed, symbol, value, found[symbol]
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import tempfile
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -40,51 +39,31 @@ OUR_ENGINES = {
     "NumPy float32": {"engine": "numpy", "precision": "float32"},
     "Dr.Jit float32": {"engine": "drjit", "precision": "float32"},
 }
-CHIP_SEED = 1288
-"""Seed of PRNU and DSNU maps."""
-PRNU_FILE, DSNU_FILE = "prnu.npy", "dsnu.npy"
-"""Maps that Pyxel reads."""
 
 
-@dataclass(frozen=True)
-class Datasheet:
-    """An IMX174 camera (fhotolab.fherb.de, 2016) without spatial noise; dark current and black level assumed.
-
-    read_noise_e : temporal dark noise σ_d.  dark_e_per_s : at 298.15 K.  prnu, qe : fractions.
-    """
-
-    qe: float = 0.77
-    gain_dn_per_e: float = 1 / 8.16
-    read_noise_e: float = 6.83
-    full_well_e: float = 32691
-    dsnu_e: float = 0.0
-    prnu: float = 0.0
-    dark_e_per_s: float = 5.0
-    bits: int = 12
-    black_level_dn: float = 20
+# Datasheet of an IMX174 camera (fhotolab.fherb.de, 2016) without spatial noise; dark current and black level assumed.
+QE, GAIN_DN_PER_E, READ_NOISE_E, FULL_WELL_E = 0.77, 1 / 8.16, 6.83, 32691.0
+DARK_E_PER_S, BITS, BLACK_LEVEL_DN = 5.0, 12, 20.0
 
 
-SHEET = Datasheet()
-
-
-def camera_of(sheet: Datasheet) -> ms.Camera:
-    """Return our camera, as ``mitsuba-sensor cameras new --emva`` makes it, with the sheet's black level."""
-    rows = {
-        "pitch_um": (PITCH_UM, PITCH_UM),
-        "size": (1000, 1000),
-        "wavelength_nm": WAVELENGTH_NM,
-        "bits": sheet.bits,
-        "qe_percent": 100 * sheet.qe,
-        "gain_dn_per_e": sheet.gain_dn_per_e,
-        "read_noise_e": sheet.read_noise_e,
-        "saturation_e": sheet.full_well_e,
-        "dsnu_e": sheet.dsnu_e,
-        "prnu_percent": 100 * sheet.prnu,
-        "dark_e_per_s": sheet.dark_e_per_s,
-        "dark_temperature_c": CELSIUS,
-    }
-    camera = camera_of_sheet(EmvaSheet(**rows), "of_the_sheet", "industrial CMOS")
-    return camera.replace(**{"adc.black_level_dn": sheet.black_level_dn})
+def our_camera() -> ms.Camera:
+    """Return our camera, as ``mitsuba-sensor cameras new --emva`` makes it, with this black level."""
+    sheet = EmvaSheet(
+        pitch_um=(PITCH_UM, PITCH_UM),
+        size=(1000, 1000),
+        wavelength_nm=WAVELENGTH_NM,
+        bits=BITS,
+        qe_percent=100 * QE,
+        gain_dn_per_e=GAIN_DN_PER_E,
+        read_noise_e=READ_NOISE_E,
+        saturation_e=FULL_WELL_E,
+        dsnu_e=0.0,
+        prnu_percent=0.0,
+        dark_e_per_s=DARK_E_PER_S,
+        dark_temperature_c=CELSIUS,
+    )
+    camera = camera_of_sheet(sheet, "of_the_sheet", "industrial CMOS")
+    return camera.replace(**{"adc.black_level_dn": BLACK_LEVEL_DN})
 
 
 @dataclass(frozen=True)
@@ -98,17 +77,17 @@ class Shot:
     shape: tuple[int, int]
 
 
-def on_engine(options: dict[str, Any], sheet: Datasheet, shot: Shot) -> Codes:
+def on_engine(options: dict[str, Any], shot: Shot) -> Codes:
     """Return frames of this package on one engine, computed as a stream."""
     light = np.full(shot.shape, shot.photons)
     exposure = ms.Exposure(shot.time_s, temperature_k=TEMPERATURE_K)
     frames = ms.stream(
-        light, camera_of(sheet), exposure, seed=shot.seed, frames=shot.frames, **options
+        light, our_camera(), exposure, seed=shot.seed, frames=shot.frames, **options
     )
     return np.stack(list(frames))
 
 
-def of_getframes(sheet: Datasheet, shot: Shot) -> Codes:
+def of_getframes(shot: Shot) -> Codes:
     """getframes: photons per second."""
     import getframes
 
@@ -117,17 +96,14 @@ def of_getframes(sheet: Datasheet, shot: Shot) -> Codes:
         sensor_type="CMOS",
         resolution=shot.shape,
         pixel_size_um=PITCH_UM,
-        quantum_efficiency=sheet.qe,
-        full_well_e=sheet.full_well_e,
-        bit_depth=sheet.bits,
-        gain_e_per_adu=1 / sheet.gain_dn_per_e,
-        bias_offset_adu=sheet.black_level_dn,
-        read_noise_e=sheet.read_noise_e,
-        dark_current_e_per_s=sheet.dark_e_per_s,
+        quantum_efficiency=QE,
+        full_well_e=FULL_WELL_E,
+        bit_depth=BITS,
+        gain_e_per_adu=1 / GAIN_DN_PER_E,
+        bias_offset_adu=BLACK_LEVEL_DN,
+        read_noise_e=READ_NOISE_E,
+        dark_current_e_per_s=DARK_E_PER_S,
         dark_current_ref_temp_c=CELSIUS,
-        prnu=sheet.prnu,
-        bias_pixel_spread_adu=sheet.dsnu_e * sheet.gain_dn_per_e,
-        fixed_pattern_seed=CHIP_SEED,
     )
     camera = getframes.Camera(config, precision="single")
     rate = np.full(shot.shape, shot.photons / shot.time_s, np.float32)
@@ -141,53 +117,52 @@ def of_getframes(sheet: Datasheet, shot: Shot) -> Codes:
     )
 
 
-def of_galsim(sheet: Datasheet, shot: Shot) -> Codes:
+def of_galsim(shot: Shot) -> Codes:
     """GalSim: an image of mean electrons, and CCDNoise. Black level and clips are its user's NumPy."""
     import galsim
 
     noise = galsim.CCDNoise(
         galsim.BaseDeviate(shot.seed + 1),
-        gain=1 / sheet.gain_dn_per_e,
-        read_noise=sheet.read_noise_e,
-        sky_level=sheet.dark_e_per_s * shot.time_s * sheet.gain_dn_per_e,
+        gain=1 / GAIN_DN_PER_E,
+        read_noise=READ_NOISE_E,
+        sky_level=DARK_E_PER_S * shot.time_s * GAIN_DN_PER_E,
     )
     found = []
     for _ in range(shot.frames):
-        mean_e = np.full(shot.shape, shot.photons * sheet.qe, np.float32)
-        image = galsim.ImageF(mean_e * np.float32(sheet.gain_dn_per_e))
+        mean_e = np.full(shot.shape, shot.photons * QE, np.float32)
+        image = galsim.ImageF(mean_e * np.float32(GAIN_DN_PER_E))
         image.addNoise(noise)
-        image += noise.sky_level + sheet.black_level_dn
+        image += noise.sky_level + BLACK_LEVEL_DN
         image.quantize()
-        found.append(np.clip(image.array, 0, 2**sheet.bits - 1).astype(np.uint16))
+        found.append(np.clip(image.array, 0, 2**BITS - 1).astype(np.uint16))
     return np.stack(found)
 
 
-def of_emva1288(sheet: Datasheet, shot: Shot) -> Codes:
+def of_emva1288(shot: Shot) -> Codes:
     """The simulator of the package emva1288. It clips electrons at 0, so the black level is given as electrons."""
     from emva1288.camera import Camera
     from emva1288.camera.routines import Qe, get_radiance
 
-    chip = np.random.default_rng(CHIP_SEED)
     wavelengths, time_ns = np.array([WAVELENGTH_NM]), shot.time_s * 1e9
-    black_e = sheet.black_level_dn / sheet.gain_dn_per_e
+    black_e = BLACK_LEVEL_DN / GAIN_DN_PER_E
     camera = Camera(
         pixel_area=PITCH_UM**2,
-        bit_depth=sheet.bits,
+        bit_depth=BITS,
         width=shot.shape[1],
         height=shot.shape[0],
         temperature=CELSIUS,
         temperature_ref=CELSIUS,
-        qe=Qe(np.full((*shot.shape, 1), sheet.qe), wavelengths, shot.shape[1], shot.shape[0]),
+        qe=Qe(np.full((*shot.shape, 1), QE), wavelengths, shot.shape[1], shot.shape[0]),
         exposure=time_ns,
-        K=sheet.gain_dn_per_e,
-        K_min=sheet.gain_dn_per_e,
-        K_max=sheet.gain_dn_per_e,
-        dark_current_ref=sheet.dark_e_per_s,
+        K=GAIN_DN_PER_E,
+        K_min=GAIN_DN_PER_E,
+        K_max=GAIN_DN_PER_E,
+        dark_current_ref=DARK_E_PER_S,
         dark_signal_0=black_e,
-        sigma2_dark_0=sheet.read_noise_e**2,
-        u_esat=sheet.full_well_e + black_e,
-        prnu=chip.normal(1.0, sheet.prnu, shot.shape),
-        dsnu=chip.normal(0.0, sheet.dsnu_e, shot.shape),
+        sigma2_dark_0=READ_NOISE_E**2,
+        u_esat=FULL_WELL_E + black_e,
+        prnu=np.ones(shot.shape),
+        dsnu=np.zeros(shot.shape),
         seed=shot.seed,
     )
     light = get_radiance(
@@ -196,75 +171,62 @@ def of_emva1288(sheet: Datasheet, shot: Shot) -> Codes:
     return np.stack([camera.grab(light) for _ in range(shot.frames)])
 
 
-def of_pyxel(sheet: Datasheet, shot: Shot) -> Codes:
-    """Pyxel's CMOS. PRNU and DSNU are maps from files, as it offers: its own PRNU is log-normal about 2 QE."""
+def of_pyxel(shot: Shot) -> Codes:
+    """Pyxel's CMOS."""
     import pyxel
     from pyxel.exposure import Exposure, Readout
 
     np.random.seed(shot.seed)
-    chip = np.random.default_rng(CHIP_SEED)
-    with tempfile.TemporaryDirectory() as folder:
-        np.save(Path(folder) / PRNU_FILE, chip.normal(1.0, sheet.prnu, shot.shape))
-        np.save(Path(folder) / DSNU_FILE, chip.normal(0.0, sheet.dsnu_e, shot.shape))
-        detector = _pyxel_detector(sheet, shot.shape)
-        pipeline = _pyxel_pipeline(sheet, shot, Path(folder))
-        mode = Exposure(Readout(times=[shot.time_s]))
-        taken = [
-            pyxel.run_mode(mode=mode, detector=detector, pipeline=pipeline)
-            for _ in range(shot.frames)
-        ]
+    detector, pipeline = _pyxel_detector(shot.shape), _pyxel_pipeline(shot)
+    mode = Exposure(Readout(times=[shot.time_s]))
+    taken = [
+        pyxel.run_mode(mode=mode, detector=detector, pipeline=pipeline)
+        for _ in range(shot.frames)
+    ]
     return np.stack([one["/bucket/image"].to_numpy()[0] for one in taken])
 
 
-def _pyxel_detector(sheet: Datasheet, shape: tuple[int, int]) -> Any:
+def _pyxel_detector(shape: tuple[int, int]) -> Any:
     """1 µV/e-. The converter truncates: an input range that begins half a code lower makes it round."""
     from pyxel.detectors import CMOS, CMOSCharacteristics, CMOSGeometry, Environment
     from pyxel.detectors.charge_to_volt_settings import ChargeToVoltSettings
 
-    volts_per_dn = 1e-6 / sheet.gain_dn_per_e
-    lowest_v = -(sheet.black_level_dn + 0.5) * volts_per_dn
+    volts_per_dn = 1e-6 / GAIN_DN_PER_E
+    lowest_v = -(BLACK_LEVEL_DN + 0.5) * volts_per_dn
     return CMOS(
         geometry=CMOSGeometry(row=shape[0], col=shape[1]),
         environment=Environment(temperature=TEMPERATURE_K),
         characteristics=CMOSCharacteristics(
-            quantum_efficiency=sheet.qe,
+            quantum_efficiency=QE,
             charge_to_volt=ChargeToVoltSettings(value=1e-6),
-            full_well_capacity=sheet.full_well_e,
-            adc_bit_resolution=sheet.bits,
-            adc_voltage_range=(lowest_v, lowest_v + (2**sheet.bits - 1) * volts_per_dn),
+            full_well_capacity=FULL_WELL_E,
+            adc_bit_resolution=BITS,
+            adc_voltage_range=(lowest_v, lowest_v + (2**BITS - 1) * volts_per_dn),
         ),
     )
 
 
-def _pyxel_pipeline(sheet: Datasheet, shot: Shot, folder: Path) -> Any:
-    """The models in the order of the pipeline. The charge of the DSNU file is that of one exposure.
-
-    folder : of the two maps.
-    """
+def _pyxel_pipeline(shot: Shot) -> Any:
+    """The models in the order of the pipeline."""
     from pyxel.pipelines import DetectionPipeline, ModelFunction
 
     def model(path: str, **arguments: Any) -> ModelFunction:
         return ModelFunction(f"pyxel.models.{path}", path.rpartition(".")[2], arguments)
 
     collect = ModelFunction("simulators.collect", "collect", {"photons": shot.photons})
-    prnu, dsnu = (str(folder / name) for name in (PRNU_FILE, DSNU_FILE))
     return DetectionPipeline(
         photon_collection=[collect, model("photon_collection.shot_noise")],
         charge_generation=[
             model("charge_generation.simple_conversion"),
-            model("charge_generation.simple_dark_current", dark_rate=sheet.dark_e_per_s),
-            model("charge_generation.load_charge", filename=dsnu, time_scale=shot.time_s),
+            model("charge_generation.simple_dark_current", dark_rate=DARK_E_PER_S),
         ],
         charge_collection=[
             model("charge_collection.simple_collection"),
-            model("charge_collection.fixed_pattern_noise", filename=prnu),
             model("charge_collection.simple_full_well"),
         ],
         charge_measurement=[
             model("charge_measurement.simple_measurement"),
-            model(
-                "charge_measurement.output_node_noise", std_deviation=sheet.read_noise_e * 1e-6
-            ),
+            model("charge_measurement.output_node_noise", std_deviation=READ_NOISE_E * 1e-6),
         ],
         readout_electronics=[model("readout_electronics.simple_adc")],
     )
@@ -275,7 +237,7 @@ def collect(detector: Any, photons: float) -> None:
     detector.photon += np.full(detector.geometry.shape, photons)
 
 
-OTHERS: dict[str, Callable[[Datasheet, Shot], Codes]] = {
+OTHERS: dict[str, Callable[[Shot], Codes]] = {
     "getframes": of_getframes,
     "emva1288": of_emva1288,
     "pyxel": of_pyxel,
@@ -286,18 +248,18 @@ OTHERS: dict[str, Callable[[Datasheet, Shot], Codes]] = {
 class Timed:
     """Frames of a simulator, eight in each call: a task of ``alternate``.
 
-    frames_of : function (sheet, shot) → frames.
+    frames_of : function shot → frames.
     """
 
     runs = FRAMES_PER_CALL
 
-    def __init__(self, frames_of: Callable[[Datasheet, Shot], Codes]) -> None:
+    def __init__(self, frames_of: Callable[[Shot], Codes]) -> None:
         self.frames_of, self.calls = frames_of, list[Codes]()
 
     def __call__(self) -> None:
-        photons, seed = MEAN_ELECTRONS / SHEET.qe, 1 + len(self.calls)
+        photons, seed = MEAN_ELECTRONS / QE, 1 + len(self.calls)
         shot = Shot(photons, 1.0, FRAMES_PER_CALL, seed, SHAPE)
-        self.calls.append(self.frames_of(SHEET, shot))
+        self.calls.append(self.frames_of(shot))
 
     def error_dn(self) -> float:
         """Return the larger deviation of mean and temporal σ from their closed forms, over all calls [DN]."""
@@ -309,10 +271,10 @@ class Timed:
 
 def expected_dn() -> tuple[float, float]:
     """Return mean and temporal σ [DN] of Poisson electrons, normal read noise and rounding (EMVA 1288, eq. 11)."""
-    mean_e = MEAN_ELECTRONS + SHEET.dark_e_per_s
-    variance_e2 = mean_e + SHEET.read_noise_e**2
-    sigma_dn = math.sqrt(SHEET.gain_dn_per_e**2 * variance_e2 + 1 / 12)
-    return SHEET.gain_dn_per_e * mean_e + SHEET.black_level_dn, sigma_dn
+    mean_e = MEAN_ELECTRONS + DARK_E_PER_S
+    variance_e2 = mean_e + READ_NOISE_E**2
+    sigma_dn = math.sqrt(GAIN_DN_PER_E**2 * variance_e2 + 1 / 12)
+    return GAIN_DN_PER_E * mean_e + BLACK_LEVEL_DN, sigma_dn
 
 
 def work_precision(turns: int) -> dict[str, dict[str, float]]:

@@ -37,7 +37,7 @@ PARTS_OF_SATURATION = (0.0, 0.1, 0.9, 1.0, 1.2)
 
 @dataclass(frozen=True)
 class Case:
-    """One camera in one exposure at one level of light [mean photoelectrons]."""
+    """A camera, an exposure and an exposure level [mean photoelectrons]."""
 
     name: str
     camera: ms.Camera
@@ -45,7 +45,7 @@ class Case:
     exposure: ms.Exposure = ms.Exposure(0.1)  # noqa: RUF009
 
     def photons(self, shape: tuple[int, int]) -> ms.Photons:
-        """Of all pixels of a window."""
+        """Return the photoelectrons of a window."""
         curves = len(self.camera.quantum_efficiency.curves)
         return ms.Photons(
             np.full((*shape, curves), self.level_e), np.arange(curves) + 500.0, detected=True
@@ -53,7 +53,7 @@ class Case:
 
 
 def shipped_cases() -> list[Case]:
-    """Cameras of one readout, each at some parts of its saturation."""
+    """Return cameras with one readout at fractions of their saturation."""
     cameras = [one for one in map(ms.load_camera, ms.list_cameras()) if not one.readouts]
     return [
         Case(f"{camera.name} {part:.0%}", camera, part * saturation_e(camera))
@@ -63,7 +63,7 @@ def shipped_cases() -> list[Case]:
 
 
 def random_case(number: int) -> Case:
-    """A camera, an exposure and a level of light out of wide ranges."""
+    """Return a camera, an exposure and an exposure level from wide ranges."""
     rng = np.random.default_rng([2024, number])
 
     def log(low: float, high: float) -> float:
@@ -138,7 +138,7 @@ def random_case(number: int) -> Case:
 
 
 def full_case(number: int) -> Case:
-    """A random camera in light of 0.9 to 2 times what fills its well, or its converter if that is less."""
+    """Return a random camera at 0.9 to 2 times its saturation."""
     case, rng = random_case(number), np.random.default_rng([2026, number])
     try:
         full_e = saturation_e(case.camera)
@@ -150,7 +150,7 @@ def full_case(number: int) -> Case:
 def theory_of(
     case: Case, shape: tuple[int, int] = SHAPE
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Mean, temporal and spatial variance of the codes [DN, DN²], their standard errors, and processor seconds."""
+    """Return mean, temporal and spatial variance of the codes [DN, DN²], standard errors, and processor seconds."""
     options: dict[str, Any] = {"serial": 0, "engine": "numpy"}
     frames = ms.expose(case.photons(shape), case.camera, case.exposure, **options)
     start = time.process_time()

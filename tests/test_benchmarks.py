@@ -11,8 +11,11 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import Any
 
+import mutations
 import pytest
 from helpers import BENCHMARKS
+
+import mitsuba_sensor
 
 
 def run(script: str, *arguments: str) -> Any:
@@ -146,6 +149,12 @@ def test_every_simulator_has_a_run_time_and_an_error() -> None:
     for name, one in found.items():
         assert_positive({name: one})
         assert one["error_dn"] < 0.02 or not name.startswith("this package"), name
+
+
+def test_every_mutation_is_of_a_text_that_the_package_has_once() -> None:
+    package = Path(mitsuba_sensor.__file__).parent
+    assert len(mutations.MUTATIONS) >= 40
+    assert not [x for x in mutations.MUTATIONS if mutations.place_of(x, package) is None]
 
 
 @pytest.mark.exhaustive

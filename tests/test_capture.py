@@ -131,7 +131,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"spq": 3}, "'spq' is not an option"),
     ({"frames": 2, "first_frame": 2**32 - 1}, "frames is 2 from 4294967295"),
     ({"maps": {"prnu": np.ones((12, 15))}}, r"maps\['prnu'\] has shape \(12, 15\)"),
-    ({"engine": "drjit", "precision": "float64"}, "compiled engines are float32"),
+    ({"engine": "drjit", "precision": "float64"}, "compiled engines have float32 only"),
     ({"render_noise": "each"}, "render_noise is 'each'; it must be one of"),
     ({"subframes": 4}, "nothing moves"),
     ({"width": 17}, "width is 17"),
@@ -158,7 +158,7 @@ def test_a_scene_without_a_camera_has_the_default_one_and_says_so(tmp_path: Path
     default = ms.load_camera("konnik_table1").replace(**{"adc.bits": 10})
     assert taken.frames.camera.adc == default.adc
     np.testing.assert_array_equal(taken.frames.digital, named.frames.digital)
-    said = "rendered for konnik_table1, because no camera was given"
+    said = "rendered for konnik_table1, because"
     for notes in (taken.frames.notes, taken.light.notes):
         assert any(said in note for note in notes)
     assert not any(said in note for note in named.frames.notes)

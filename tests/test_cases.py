@@ -134,7 +134,7 @@ def apertures_of_a_zemax_design() -> None:
 
     plain = light("plain.zmx", 5.0)
     assert light("obsc3.zmx", 5.0) == pytest.approx(0.64 * plain, rel=0.005)
-    with pytest.raises(ms.InputError, match=r"opens to f/8\.32 at most"):
+    with pytest.raises(ms.InputError, match=r"at least 8\.32"):
         light("clap3.zmx", 5.0)
     assert light("clap3.zmx", 8.32) == pytest.approx(0.36 * plain, rel=0.005)
 
@@ -170,8 +170,10 @@ def flat_fields_under_light_that_flickers_before_a_rolling_shutter() -> None:
         assert figures[symbol].high - figures[symbol].low < 0.04 * right
     for symbol in ("PRNU1288", "PRNU1288_row", "σ/µ"):
         assert math.isnan(figures[symbol].value)
-        assert "flickers before a rolling shutter" in figures[symbol].note
-    assert any("flickers before a rolling shutter" in note for note in measured.notes)
+        assert "flickering light in front of a rolling shutter" in figures[symbol].note
+    assert any(
+        "flickering light in front of a rolling shutter" in note for note in measured.notes
+    )
 
 
 def names_of_inputs() -> set[str]:

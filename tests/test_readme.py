@@ -11,7 +11,9 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,14 +98,13 @@ class Checkout:
         self.ran.add(command)
         return done.stdout
 
-    def run_after_what_it_reads(self, command: str) -> str:
-        """The same, after the first command that writes a file that this one reads."""
+    def run_what_is_read_by(self, command: str) -> None:
+        """Run the commands that write a file that this one reads."""
         for earlier in COMMANDS[: COMMANDS.index(command)]:
             if earlier not in self.ran and written_by(earlier) in command.replace(
                 f"-o {written_by(command)}", ""
             ):
                 self.run(earlier)
-        return self.run(command)
 
 
 @pytest.fixture(scope="module")
@@ -135,12 +136,11 @@ def test_the_first_command_makes_the_picture_of_the_readme(
     assert np.mean(raw == 2 ** report["camera"]["adc"]["bits"] - 1) < 0.05
     metering = report["origin"]["metering"]
     assert (metering["percentile"], metering["share_of_saturation"]) == (95, 0.7)
-    if report["render"]["variant"].startswith(
-        "llvm"
-    ):  # the light of scalar variants is denoised without guides
-        assert (
-            report["render_noise"]["share_of_variance_median"] < 0.15
-            and len(report["notes"]) <= 1
+    # The light of scalar variants is denoised without guides, and few pixels leave the denoiser more noise.
+    if report["render"]["variant"].startswith("llvm"):
+        assert len(report["notes"]) <= 1
+        assert report["render_noise"]["share_of_variance_median"] < (
+            0.15 if columns == 384 else 0.6
         )
     shown, own = (
         np.asarray(Image.open(path).resize((96, 64), Image.Resampling.BOX))
@@ -152,13 +152,23 @@ def test_the_first_command_makes_the_picture_of_the_readme(
 @pytest.mark.parametrize(
     "command", LATER, ids=lambda line: " ".join(shlex.split(line, comments=True)[1:5])
 )
-def test_a_command_of_the_readme_runs(command: str, checkout: Checkout) -> None:
-    checkout.run_after_what_it_reads(command)
+def test_a_command_of_the_readme_runs(
+    command: str, checkout: Checkout, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checkout.run_what_is_read_by(command)
+    monkeypatch.chdir(checkout.folder)
+    program, *arguments = shlex.split(command, comments=True)
+    done = cli(*arguments)
+    assert program == "mitsuba-sensor" and done.exit_code == 0, done.stderr
 
 
-def test_the_python_of_the_readme_runs(checkout: Checkout) -> None:
+def test_the_python_of_the_readme_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Its noise budget is of a frame that is not clipped: no stage takes noise away, and all that is added remains."""
-    printed = checkout.run(shlex.join([sys.executable, "-c", fenced(README, "python")]))
+    monkeypatch.chdir(tmp_path)
+    exec(fenced(README, "python"), {})
+    printed = capsys.readouterr().out
     fractions = re.findall(r"^(.+?) {2,}.* <?(-?[\d.]+)$", printed, flags=re.MULTILINE)
     found = {source: float(percent) for source, percent in fractions}
     assert found["photon shot noise"] > 10 and min(found.values()) >= 0

@@ -23,6 +23,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from .. import __version__, stopping
 from ..core.printable import printable
+from .flag_names import with_flags
 
 Click: TypeAlias = Any
 """Contexts, parameters and formatters of click, which new versions of typer include."""
@@ -221,7 +222,7 @@ class Program(Group):
 def _tell(error: Exception, as_json: bool) -> None:
     """Print one sentence on stderr, and with ``--json`` also {"error": sentence} on stdout."""
     with stopping.whole_step:  # silent if a stop has removed what this thread misses now
-        sentence = _sentence(error)
+        sentence = with_flags(_sentence(error))
         err.print(f"[bold red]error:[/] {escape(sentence)}", highlight=False, soft_wrap=True)
         if as_json:
             show({"error": sentence}, True)
@@ -291,4 +292,4 @@ def show(facts: object, as_json: bool, shown: object = None) -> None:
 def show_remarks(as_json: bool, remarks: Iterable[str]) -> None:
     """Print lines below a result; JSON output omits them."""
     for remark in () if as_json else remarks:
-        out.print(Text(remark), highlight=False)
+        out.print(Text(with_flags(remark)), highlight=False)

@@ -20,6 +20,7 @@ from ..core.options import complete
 from ..render.options import RawLightOptions, RenderOptions, SceneOptions, UnitOptions
 from . import arguments, options
 from .app import Command, app, err, show, show_remarks
+from .flag_names import with_flags
 from .options import Flag, number
 
 FIRST_OF_CAMERA = ("camera", "exposure_s", "gain", "settings")
@@ -312,7 +313,11 @@ def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag)
     facts = [finding.to_dict() for finding in findings]
     airy = f"Airy disk {airy_diameter_px(camera):.2g} px"
     head = {"camera": f"{camera.name}, {low:g} to {high:g} nm, {airy}"}
-    show(facts, as_json, {**head, "findings": facts or "none for this camera"})
+    rows = [
+        {name: with_flags(x) if isinstance(x, str) else x for name, x in fact.items()}
+        for fact in facts
+    ]
+    show(facts, as_json, {**head, "findings": rows or "none for this camera"})
     show_remarks(as_json, defaults_line(flags, given.scene.settings, camera))
     if any(finding.is_serious for finding in findings):
         raise typer.Exit(1)

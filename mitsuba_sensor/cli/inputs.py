@@ -22,6 +22,7 @@ from ..sensor.metering import Metering
 from ..stages.usual_range import temperature_note
 from . import options
 from .app import err
+from .flag_names import with_flags
 from .options import DEFAULT_TEMPERATURE_K, Flag, Flags
 
 NO_SCENE = SceneSettings()
@@ -74,7 +75,7 @@ def note_temperature(temperature_k: float) -> None:
 
 
 def _note(text: str) -> None:
-    err.print(f"note: {text}", highlight=False, soft_wrap=True)
+    err.print(f"note: {with_flags(text)}", highlight=False, soft_wrap=True)
 
 
 def camera_of(flags: Flags, settings: SceneSettings = NO_SCENE) -> ms.Camera:

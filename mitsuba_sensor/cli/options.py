@@ -19,6 +19,7 @@ from ..render.variants import VARIANTS
 from ..sensor.options import PERCENTILE, SHARE, FrameOptions, Gain, SensorOptions
 from .app import show_all
 from .arguments import OUTPUT, camera_fields, camera_names, noise_source_names, one_of
+from .flag_names import flag_of
 
 Command = TypeVar("Command", bound=Callable[..., None])
 Flag: TypeAlias = Any
@@ -274,7 +275,7 @@ def _type(one: Declared) -> Flag:
 
     Numbers are texts, so a wrong number gets the same sentence as in Python.
     """
-    flag, kinds = one.option.flag or f"--{one.name.replace('_', '-')}", one.kinds
+    flag, kinds = flag_of(one), one.kinds
     numeric = NUMBERS.get(kinds)
     text: Flag = one.option.text or (str if one.choices or numeric else kinds[0])
     titles = (title for kind, title in PANELS.items() if one.name in kind.__annotations__)

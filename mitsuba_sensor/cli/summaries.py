@@ -10,6 +10,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ..core import by_weight
+from .flag_names import with_flags
 from .tables import counted, fact, number
 
 if TYPE_CHECKING:
@@ -39,7 +40,9 @@ def summary(report: Report, folder: str) -> RenderableType:
     report : contents of frame.json.
     """
     notes = by_weight(report["notes"])
-    lines = [Text.assemble(("note: ", "bold yellow"), note) for note in notes[:NOTES_MAX]]
+    lines = [
+        Text.assemble(("note: ", "bold yellow"), with_flags(note)) for note in notes[:NOTES_MAX]
+    ]
     if len(notes) > NOTES_MAX:
         lines.append(Text(f"{counted(len(notes) - NOTES_MAX, 'more note')}: frame.json"))
     facts = (fact(name, text) for name, text in _facts(report))

@@ -8,7 +8,7 @@ from typing import Any
 
 from ..core import InputError, nearest, require, require_seed
 from ..core.errors import require_count
-from ..core.exposure import HOTTEST_K, LONGEST_S
+from ..core.exposure import TEMPERATURE_MAX_K, TIME_MAX_S
 from ..core.options import complete, declared
 from ..optics.waveform import FROM_FILE, waveform_of
 from ..render.options import RenderOptions
@@ -71,11 +71,11 @@ def check_value(name: str, value: Any) -> None:
             f"{name} is {value!r:.100}; a whole number must be from -2^63 to 2^63 - 1. Give a larger number as text."
         )
     elif kind == "exposure_s" and value != "auto":
-        require(name, value, 0, LONGEST_S, "a number of seconds, e.g. 0.1, or 'auto'")
+        require(name, value, 0, TIME_MAX_S, "a number of seconds, e.g. 0.1, or 'auto'")
     elif kind == "exposure_ev":
         require(name, value, -STOPS_MAX, STOPS_MAX, "exposure compensation in stops, e.g. -2")
     elif kind == "temperature_k":
-        require(name, value, 0, HOTTEST_K, "kelvin, e.g. 298.15")
+        require(name, value, 0, TEMPERATURE_MAX_K, "kelvin, e.g. 298.15")
     elif kind == "frames":
         require_count(name, value, 1, FRAMES_MAX, 8)
     elif kind == "lights":

@@ -17,12 +17,16 @@ FULL_MESSAGES = (*map(os.strerror, FULL_NUMBERS), "requested and")
 
 @contextmanager
 def disk_sentences(target: Path, size: int | None = None) -> Iterator[None]:
-    """Turn an OSError into one sentence that names ``target``: DiskFull or InputError.
+    """Turn an OSError, or a name with a null byte, into one sentence that names ``target``: DiskFull or InputError.
 
     size : size of the file that the block writes [bytes].
     """
     try:
         yield
+    except ValueError as error:
+        if "null byte" not in str(error):
+            raise
+        raise InputError(f"{str(target)!r} contains a null byte; give another name.") from error
     except OSError as error:
         if is_full(error):
             raise DiskFull(target, size, error.strerror or os.strerror(errno.ENOSPC)) from error

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core import InputError
 from ..core.printable import printable_json
-from ..core.small_files import DEEPEST, json_value, require_small, toml_tables
+from ..core.small_files import DEPTH_MAX, json_value, require_small, toml_tables
 from .appearing import write_drawing
 
 Facts: TypeAlias = dict[str, Any]
@@ -79,8 +79,10 @@ class _ShallowTree(ElementTree.TreeBuilder):
     def start(self, tag: str, attrs: dict[str, str], /) -> ElementTree.Element:
         """Start an element."""
         self._depth += 1
-        if self._depth > DEEPEST:
-            raise InputError(f"{self._file}: its elements are nested more than {DEEPEST} deep.")
+        if self._depth > DEPTH_MAX:
+            raise InputError(
+                f"{self._file}: its elements are nested more than {DEPTH_MAX} deep."
+            )
         return super().start(tag, attrs)
 
     def end(self, tag: str, /) -> ElementTree.Element:

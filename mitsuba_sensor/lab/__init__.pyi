@@ -1,4 +1,4 @@
-"""The public names and the modules that they are loaded from when they are first used."""
+"""Public names and the modules that define them, loaded at first use."""
 
 from .frames.bench import Bench as Bench
 from .frames.bench import read_bench as read_bench

@@ -183,7 +183,8 @@ def test_the_keys_of_a_row_have_its_value(name: str) -> None:
     camera, rows = camera_of_sheet(sheet, name, ""), EmvaSheet.model_fields
     assert {*rows} == {*KEYS, *COMPARED, "linearity_percent"}
     for row, fields in KEYS.items():
-        value = getattr(sheet, row)
+        if (value := getattr(sheet, row)) is None:
+            continue
         scale, offset = 0.01 if row.endswith("percent") else 1, 273.15 * row.endswith("_c")
         for field, wanted in zip(fields, value if len(fields) > 1 else (value,), strict=True):
             seen = attrgetter(field)(camera)

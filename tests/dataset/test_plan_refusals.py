@@ -81,7 +81,7 @@ NEVER: dict[str, tuple[dict[str, Any], str]] = {
     "width of a million": ({"render": {"width": 10**6}}, "from 1 to the film's own 8"),
     "a film beyond the sensor": (
         {"cameras": [{"camera": "bayer_2mp", "set": {"sensor.columns": 4}}]},
-        "the film has 8 × 6 pixels, and bayer_2mp has 4 × 1200",
+        "the film has 8 × 6 pixels, but bayer_2mp has 4 × 1200",
     ),
     **{
         f"[render] {field}": ({"render": {field: 3}}, f"[render] has {field!r}, which {why}")

@@ -210,7 +210,7 @@ SRGB: dict[str, Any] = {"values": "srgb", "white_e": 9.0}
         (WHITE, PICTURE, "pass (H, W), the light after"),
         *((WHITE, np.ones(x), f"image has shape {x}; pass") for x in ((31,), (2, 8, 9, 4))),
         (WHITE, GREY > 3, "image is bool"),
-        (WHITE, "a.png", "is the name of a file, 'a.png'; read the picture"),
+        (WHITE, "a.png", "is the file name 'a.png'; read the picture"),
         (WHITE, GREY * np.float32(np.nan), "image has values such as nan"),
         (WHITE, np.full((4, 4), 1e38), "1e+38; mean light must be finite"),
         (WHITE, GREY.astype(np.uint8), 'pass values="srgb"'),

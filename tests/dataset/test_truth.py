@@ -119,7 +119,7 @@ def test_a_camera_that_a_dataset_names_has_nothing_of_the_scene(
     ratio = own.read("electrons").mean() / stopped.read("electrons").mean()
     assert ratio == pytest.approx(4, rel=0.02)
     notes = own.facts["light"]["notes"]
-    assert any(note.startswith("not used of the scene: lens.f_number") for note in notes)
+    assert any(note.startswith("ignored the scene's lens.f_number") for note in notes)
 
 
 def test_a_varied_focus_is_that_of_each_sample(own_lens: Path) -> None:

@@ -238,6 +238,17 @@ def test_files_in_the_place_of_folders_are_refused_before_the_work(tmp_path: Pat
         npz.write_fpn_maps(tmp_path / "file" / "maps.npz", {})
 
 
+@pytest.mark.parametrize(
+    "write", [lambda path: npz.write_fpn_maps(path, {"prnu": IMAGE}), write_set, write_folder]
+)
+def test_a_name_with_a_null_byte_is_refused(
+    tmp_path: Path, write: Callable[[Path], object]
+) -> None:
+    with pytest.raises(ms.InputError, match="null byte"):
+        write(tmp_path / "a\0b")
+    assert not list(tmp_path.iterdir())
+
+
 def test_an_exported_folder_lists_its_files_and_is_replaced_only_by_force(
     tmp_path: Path,
 ) -> None:

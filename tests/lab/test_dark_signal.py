@@ -44,5 +44,5 @@ def test_frames_without_a_distribution_are_marked() -> None:
     assert not constant.fits and not constant.plots and "every value is 0 DN" in constant.note
     coarse = dark_signal(Stack(np.random.default_rng(5).integers(99, 102, (1, 40, 40)), 1.0))
     assert "only 3 different values" in coarse.note
-    with pytest.raises(ms.InputError, match="of 16 or more"):
+    with pytest.raises(ms.InputError, match="at least 16 pixels"):
         measured(np.arange(5.0))

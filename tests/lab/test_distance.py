@@ -1,4 +1,4 @@
-"""Distances of frames: chance alone passes as often as stated, another noise does not."""
+"""Distances of frames: exact twins pass as often as stated, another noise fails."""
 
 from __future__ import annotations
 
@@ -7,11 +7,7 @@ import pytest
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.lab.frames.stack import Stack
-from mitsuba_sensor.lab.measure.distance import (
-    FigureDistance,
-    figure_distances,
-    frame_distances,
-)
+from mitsuba_sensor.lab.measure.distance import figure_distances, frame_distances
 from mitsuba_sensor.lab.quantity import Quantity
 
 RNG = np.random.default_rng(7)
@@ -26,25 +22,14 @@ def _stack(
 
 
 def test_stacks_of_one_law_pass() -> None:
-    """120 pairs × 3 tests at 1 %: more than 14 failures once in 10 000 runs, as D of rounded codes is smaller still."""
-    found = [one for _ in range(120) for one in frame_distances(_stack(), _stack())]
-    assert sum(not one.passed for one in found) <= 14
-    assert [one.name for one in found[:3]] == [
-        "histogram of codes",
-        "spectrum of temporal row noise",
-        "spectrum of temporal column noise",
-    ]
+    """60 pairs × 3 tests at 1 %: more than 9 failures once in 10 000 runs, as D of rounded codes is smaller still."""
+    found = [one for _ in range(60) for one in frame_distances(_stack(), _stack())]
+    assert sum(not one.passed for one in found) <= 9
 
 
 @pytest.mark.parametrize(
     ("other", "which"),
-    [
-        ({"sigma": 3.4}, 0),
-        ({"mean": 100.3}, 0),
-        ({"row": 0.35}, 1),
-        ({"row": 0.0}, 1),
-        ({"column": 0.25}, 2),
-    ],
+    [({"sigma": 3.4}, 0), ({"mean": 100.3}, 0), ({"row": 0.35}, 1), ({"column": 0.25}, 2)],
 )
 def test_another_noise_fails_the_test_that_is_about_it(
     other: dict[str, float], which: int
@@ -54,18 +39,9 @@ def test_another_noise_fails_the_test_that_is_about_it(
 
 
 def test_figures_differ_by_standard_errors_of_both() -> None:
-    one, other = (
-        Quantity("K", "gain", 1.0, 0.98, 1.02, "DN/e-", ""),
-        Quantity("K", "gain", 1.03, 1.01, 1.05, "DN/e-", ""),
-    )
-    found = figure_distances([one, Quantity("QE", "", 0.5, 0.4, 0.6, "1", "")], [other])
-    assert [distance.real for distance in found] == [one]
-    assert found[0].z == pytest.approx(0.03 / (2**0.5 * 0.02 / 1.96), rel=1e-4)
-    assert FigureDistance(one, one).z == 0
-
-
-def test_stacks_that_are_not_alike_are_refused() -> None:
-    with pytest.raises(
-        ms.InputError, match="compare frames of one size, mosaic and exposure time"
-    ):
+    real = Quantity("K", "gain", 1.0, 0.98, 1.02, "DN/e-", "")
+    twin = Quantity("K", "gain", 1.03, 1.01, 1.05, "DN/e-", "")
+    (found,) = figure_distances([real, Quantity("QE", "", 0.5, 0.4, 0.6, "1", "")], [twin])
+    assert found.z == pytest.approx(0.03 / (2**0.5 * 0.02 / 1.96), rel=1e-4)
+    with pytest.raises(ms.InputError, match="shape"):
         frame_distances(_stack(), Stack(np.zeros((2, 3, 3), np.uint8), 0.1))

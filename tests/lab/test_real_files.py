@@ -79,24 +79,23 @@ def test_a_descriptor_of_emva_1288_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "named"),
     [
-        ("i a.npy", "line 1: the first image is before a line b or d"),
-        ("b 1 x\ni a.npy", "line 1: 'x' must be a number of at least 0"),
-        ("b 1\ni a.npy", "b has 1 arguments; it must have 2"),
-        ("d 5\ni missing.tif", "line 2: there is no"),
-        ("hello world", "begins with 'hello'; a line begins with v, n, b, d, i"),
-        ("v 4.0", "is no descriptor of EMVA 1288"),
+        ("i a.npy", "line 1"),
+        ("b 1 x\ni a.npy", "line 1: 'x'"),
+        ("b 1\ni a.npy", "b has 1 arguments"),
+        ("d 5\ni missing.tif", "line 2"),
+        ("hello world", "'hello'"),
+        ("v 4.0", "data.txt"),
     ],
 )
 def test_broken_descriptors_are_refused_with_the_line(
-    text: str, said: str, tmp_path: Path
+    text: str, named: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "data.txt"
     path.write_text(text)
-    with pytest.raises(ms.InputError) as error:
+    with pytest.raises(ms.InputError, match=named):
         read_bench(path)
-    assert said in str(error.value)
 
 
 def with_stuck_lines(stack: Stack) -> Stack:
@@ -113,7 +112,7 @@ def test_a_stuck_column_and_a_dead_row_cost_no_figure_its_interval() -> None:
     stacks = (with_stuck_lines(stack) for stack in (*darks, *longer))
     bench = Bench((), tuple(stacks), tuple(with_stuck_lines(flat) for flat in flats))
     (measured,) = measure_bench(bench)
-    assert "from their neighbours: row 30 and column 7" in measured.notes[0]
+    assert "of their neighbours: row 30 and column 7" in measured.notes[0]
     for symbol, true in (("K", 0.3), ("η", 0.6), ("σ_d", 6.0)):
         figure = measured.figures[symbol]
         assert figure.covers(true) and not figure.clipped, str(figure)

@@ -17,7 +17,7 @@ from mitsuba_sensor.lab.frames.stack import (
     rounding_shift_dn,
 )
 from mitsuba_sensor.lab.measure.correlation import correlation
-from mitsuba_sensor.lab.measure.curved_response import CURVED
+from mitsuba_sensor.lab.measure.curved_response import CURVED_SIGMAS
 from mitsuba_sensor.lab.measure.dark_current import dark_current
 from mitsuba_sensor.lab.measure.dark_noise import dark_noise
 from mitsuba_sensor.lab.measure.emva_linear import emva_linear
@@ -47,7 +47,7 @@ def test_rounding_moves_mean_and_variance_by_no_more_than_is_said(
     chance = np.diff([[math.erf(x / 2**0.5) / 2 for x in pair] for pair in edges], axis=1)[:, 0]
     mean = float(chance @ codes)
     variance = float(chance @ (codes - mean) ** 2)
-    assert abs(mean - place) <= CURVED * rounding_shift_dn(variance) + 1e-9
+    assert abs(mean - place) <= CURVED_SIGMAS * rounding_shift_dn(variance) + 1e-9
     error = rounding_error_dn2(variance)
     assert abs(variance - noise_dn**2 - 1 / 12) <= 1.01 * error + 1e-9 or variance < COARSE_DN2
 
@@ -70,11 +70,11 @@ def test_below_024_dn2_there_are_bounds_and_no_temporal_figures(
     assert current.from_mean.covers(0.0)
 
 
-@pytest.mark.parametrize(("cameras", "most"), [(24, 6), exhaustive(200, 19)])
+@pytest.mark.parametrize(("cameras", "most"), [(14, 4), exhaustive(200, 19)])
 def test_intervals_above_the_rule_hold_and_below_it_there_is_no_figure(
     cameras: int, most: int
 ) -> None:
-    """Noise of 0.1 to 1.5 DN, offsets of 0 to 1 DN. Right 95 % intervals of 24 miss more than 6 once in 2500 for each
+    """Noise of 0.1 to 1.5 DN, offsets of 0 to 1 DN. Right 95 % intervals of 14 miss more than 4 once in 2500 for each
     figure, of 200 more than 19 once in 200."""
     rng, missed = np.random.default_rng(3), dict.fromkeys(("K", "η", "σ_d", "µ_I"), 0)
     for _ in range(cameras):
@@ -95,7 +95,7 @@ def test_intervals_above_the_rule_hold_and_below_it_there_is_no_figure(
 
 def test_spatial_figures_of_coarse_codes_hold_the_pattern_or_have_no_value() -> None:
     """100 sensors of 40 × 50 pixels, temporal noise of 0.05 to 1 DN, patterns of 0.1 to 5 DN: 88 % of right intervals
-    are held, fewer once in 1000 of 80."""
+    are held, fewer once in 1000 of 80. A pattern above 1 DN is always measurable."""
     rng = np.random.default_rng(15)
     holds: dict[str, list[bool]] = {"dsnu_pixel": [], "prnu_pixel": []}
     for _ in range(100):
@@ -111,15 +111,17 @@ def test_spatial_figures_of_coarse_codes_hold_the_pattern_or_have_no_value() -> 
             figure = getattr(found, name)
             if math.isfinite(figure.value):
                 holds[name].append(figure.covers(known))
+            else:
+                assert pattern < 1 and figure.note
     for name, held in holds.items():
-        assert len(held) > 40 and np.mean(held) > 0.88, (name, len(held), np.mean(held))
+        assert len(held) > 55 and np.mean(held) > 0.88, (name, len(held), np.mean(held))
 
 
 def test_a_twin_of_coarse_frames_says_what_it_assumes_and_the_threshold_is_a_bound() -> None:
     camera = SmallCamera(gain=0.05, bits=10, black_dn=12.3, full_well_e=15_000, dsnu_dn=0.3)
     darks, flats = camera.bench(np.random.default_rng(4), 8, (40, 40), 16)
     found = emva_linear(darks, flats)
-    assert found["µ_e.min"].is_bound and math.isnan(found["DR"].value)
+    assert found["µ_e.min"].is_bound and found["DR"].is_lower_bound
     assert "0.24 DN²" in found["DR"].note
     twin = fit(Bench((), tuple(darks), tuple(flats)))
     assert "σ_read" not in twin.figures() and twin.figures()["K"].quantity.covers(0.05)

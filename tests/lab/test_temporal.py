@@ -1,4 +1,4 @@
-"""Temporal variance without what a frame's pixels share: unbiased, with a right error, and drift that is found."""
+"""Temporal variance without fluctuations of whole frames: unbiased, with a right error, and drift and flicker found."""
 
 from __future__ import annotations
 
@@ -15,18 +15,22 @@ def of(frames: np.ndarray) -> Stack:
     return Stack(frames, 0.01)
 
 
-@pytest.mark.parametrize("shape", [(2, 8, 8), (2, 16, 16), (5, 8, 40)])
+@pytest.mark.parametrize("shape", [(2, 8, 8), (5, 8, 40)])
+@pytest.mark.parametrize("row_noise", [0.0, 2.0])
 def test_the_variance_is_unbiased_and_its_error_is_the_scatter_of_many_stacks(
-    shape: tuple[int, int, int],
+    shape: tuple[int, int, int], row_noise: float
 ) -> None:
-    """400 stacks: their mean within 4 standard errors (once in 16 000), the mean error within 15 % of the scatter."""
-    rng = np.random.default_rng(1)
-    found = [temporal(of(rng.normal(100, 3, shape))) for _ in range(400)]
+    """300 stacks: their mean within 4 standard errors (once in 16 000), the mean error within 20 % of the scatter.
+    Noise that rows share is noise, not drift, which is reported for one stack in 10 000."""
+    rng, found = np.random.default_rng(1), []
+    for _ in range(300):
+        rows = row_noise * rng.normal(size=(*shape[:2], 1))
+        found.append(temporal(of(rng.normal(100, 3, shape) + rows)))
     means = np.array([one.variance for one in found])
-    assert abs(means.mean() - 9) < 4 * means.std() / len(means) ** 0.5
-    squares = np.mean([one.variance_error**2 for one in found])
-    assert squares**0.5 == pytest.approx(means.std(), rel=0.15)
-    assert sum(one.drift_dn > 0 for one in found) <= 2  # one in 10 000 each
+    assert abs(means.mean() - 9 - row_noise**2) < 4 * means.std() / len(means) ** 0.5
+    errors = np.mean([one.variance_error**2 for one in found]) ** 0.5
+    assert errors == pytest.approx(means.std(), rel=0.2)
+    assert sum(one.drift_dn > 0 for one in found) <= 2
 
 
 @pytest.mark.parametrize(
@@ -35,35 +39,15 @@ def test_the_variance_is_unbiased_and_its_error_is_the_scatter_of_many_stacks(
 def test_light_that_drifts_by_1_percent_leaves_the_variance_alone_and_is_reported(
     level: np.ndarray,
 ) -> None:
+    """25 DN² within 4 standard errors; with the drift it would be above 200."""
     rng = np.random.default_rng(2)
-    drift = 1 + 0.01 * rng.standard_normal((16, 1, 1))
-    stack = of(np.minimum(level * drift, 3000) + rng.normal(64, 5, (16, 40, 50)))
+    light = np.minimum(level * (1 + 0.01 * rng.standard_normal((16, 1, 1))), 3000)
+    stack = of(light + rng.normal(64, 5, light.shape))
     maps = Maps.empty(stack)
     found = temporal(stack, maps)
-    lit = level < 2800
-    assert maps.variance[lit].mean() == pytest.approx(
-        25, rel=0.04
-    )  # 4 standard errors; with the drift above 200
-    assert "frame means drift by" in found.drift_note and "removed" in found.drift_note
-    assert found.drift_dn == pytest.approx(
-        np.minimum(level * drift, 3000).mean(axis=(1, 2)).std(ddof=1), rel=0.05
-    )
-
-
-def test_noise_that_rows_share_is_noise_and_no_drift_and_widens_the_error() -> None:
-    """300 stacks, in which drift is reported once in 10 000."""
-    rng = np.random.default_rng(3)
-    found = [
-        temporal(of(rng.normal(0, 1, (8, 32, 32)) + rng.normal(0, 2, (8, 32, 1))))
-        for _ in range(300)
-    ]
-    means = np.array([one.variance for one in found])
-    assert means.mean() == pytest.approx(5, rel=0.03)
-    assert sum(one.drift_dn > 0 for one in found) <= 2
-    errors = np.mean([one.variance_error**2 for one in found]) ** 0.5
-    assert errors == pytest.approx(
-        means.std(), rel=0.2
-    )  # independent pixels would have a fifth of it
+    assert maps.variance[level < 2800].mean() == pytest.approx(25, rel=0.04)
+    assert found.drift_dn == pytest.approx(light.mean(axis=(1, 2)).std(ddof=1), rel=0.05)
+    assert "drift by" in found.drift_note
 
 
 def test_a_pair_of_a_megapixel_takes_strips_of_memory() -> None:
@@ -79,12 +63,11 @@ def test_a_pair_of_a_megapixel_takes_strips_of_memory() -> None:
     assert most < 4 * 2**20
 
 
-def test_maps_are_those_of_every_pixel_and_figures_are_theirs() -> None:
-    """In strips, of several of which a frame consists."""
+def test_maps_are_those_of_every_pixel_and_figures_are_their_means() -> None:
+    """Frames of several strips."""
     frames = np.random.default_rng(21).normal(500, 7, (5, 300, 400))
-    stack = of(frames)
-    maps = Maps.empty(stack)
-    found = temporal(stack, maps)
+    maps = Maps.empty(of(frames))
+    found = temporal(of(frames), maps)
     np.testing.assert_allclose(maps.mean, frames.mean(axis=0))
     centred = frames - frames.mean(axis=(1, 2), keepdims=True)
     np.testing.assert_allclose(maps.variance, centred.var(axis=0, ddof=1), rtol=1e-4)
@@ -99,24 +82,20 @@ def test_pairs_of_few_codes_in_light_that_drifts_have_groups_of_equally_bright_p
     light = np.linspace(20, 220, 256) * np.ones((256, 1))
     frames = [np.round(light * share + rng.normal(0, 0.6, light.shape)) for share in (1, 1.02)]
     found = temporal(of(np.array(frames).astype(np.uint8)))
-    assert found.drift_dn > 1
-    assert found.variance == pytest.approx(0.36 + 1 / 12, rel=0.02)
+    assert found.drift_dn > 1 and found.variance == pytest.approx(0.36 + 1 / 12, rel=0.02)
 
 
-@pytest.mark.parametrize("shape", [(2, 40, 16), (2, 96, 40), (16, 48, 24), (9, 12, 32)])
+@pytest.mark.parametrize("shape", [(2, 40, 16), (16, 48, 24), (9, 12, 32)])
 def test_row_noise_and_light_that_drifts_are_no_flicker(shape: tuple[int, int, int]) -> None:
-    """400 stacks of each shape, with more row noise than pixel noise, crosstalk and shading: one in 10 000 is a false
-    alarm, so that two or more of 400 happen once in 1300."""
-    rng = np.random.default_rng(3)
+    """400 stacks of each shape, with row noise, crosstalk, shading and drift: one in 10 000 is a false alarm, so that
+    two or more of 400 happen once in 1300."""
+    rng, alarms = np.random.default_rng(3), 0
     frames, height, _ = shape
-    alarms = 0
     for _ in range(400):
         noise = rng.normal(0, 3, shape)
         noise += 0.1 * np.roll(noise, 1, axis=1) + rng.normal(0, 2, (frames, height, 1))
-        light = np.linspace(100, 200, height)[:, None] * (
-            1 + rng.normal(0, 0.02, (frames, 1, 1))
-        )
-        alarms += flicker_dn(of(light + noise)) > 0
+        drift = 1 + rng.normal(0, 0.02, (frames, 1, 1))
+        alarms += flicker_dn(of(np.linspace(100, 200, height)[:, None] * drift + noise)) > 0
     assert alarms < 2
 
 

@@ -393,7 +393,7 @@ MISTAKES: dict[str, tuple[Any, str]] = {
     ),
     "no time": (
         {"camera": {"keys": [{"move_m": [0, 0, 1]}]}},
-        r"camera\.keys\.0\.time_s is missing; seconds from time 0 of the motion, e\.g\. 0\.01",
+        r"camera\.keys\.0\.time_s is missing; add it, e\.g\. 0\.01",
     ),
     "an order": (
         {"camera": {"keys": [{"time_s": 1}, {"time_s": 1}]}},

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.datasheet_errors import fields_of
@@ -21,7 +20,7 @@ from mitsuba_sensor.camera.shipped import SHIPPED
 
 TABLE1 = tomllib.loads((SHIPPED / "konnik_table1.toml").read_text("utf-8"))
 SCHEMA = ms.Camera.model_json_schema()
-REMEDY = r"(e\.g\. .+|add the table \[\w+\]|Did you mean '.+')"
+REMEDY = r"(e\.g\. .+|must be ('.+'|a table)|add the table \[\w+\]|Did you mean '.+')"
 
 
 @functools.cache
@@ -131,12 +130,13 @@ def test_every_number_out_of_range_is_refused_with_value_range_and_example(dotte
     for bad in outside(dotted):
         message = refusal(with_field(dotted, bad))
         assert re.match(
-            rf"{dotted} is -?(nan|inf|[\d.e+-]+); it must be .+ \(.+{REMEDY}\)\.$", message
+            rf"{dotted} is -?(nan|inf|[\d.e+-]+); it must be .+, e\.g\. .+ \(.+\)(; .+)?\.$",
+            message,
         ), message
         assert repr(bad) in message
 
 
-@pytest.mark.parametrize("dotted", one_in(4, FIELDS))
+@pytest.mark.parametrize("dotted", FIELDS[::4])
 def test_every_field_of_the_wrong_type_is_refused_with_the_way_out(dotted: str) -> None:
     """No coercion: "5" is no number, 1.5 is no count, true is not 1."""
     for bad in WRONG_TYPES[schema_of(dotted)["type"]]:
@@ -159,7 +159,7 @@ def test_every_missing_field_is_named_with_an_example(dotted: str) -> None:
     assert re.match(rf"{dotted} is missing; .*{REMEDY}", message), message
 
 
-@pytest.mark.parametrize("dotted", one_in(4, [name for name in FIELDS if "." in name]))
+@pytest.mark.parametrize("dotted", [name for name in FIELDS if "." in name][::4])
 def test_every_misspelt_field_is_refused_with_the_right_one(dotted: str) -> None:
     """A letter too many, in a file and in replace(): the field that was meant is named."""
     data = with_field(dotted + "s", 1)

@@ -1,13 +1,14 @@
-"""Share of the values of a stack that the ADC or the full well clips, and what that does to a figure of them.
+"""Fraction of values that the ADC or the full well clips, and the marks that clipping and rounding leave on figures.
 
-Where the share is larger than a thousandth, a figure has no value, and its note says why. A smaller share widens it.
+If more than a thousandth of the values are clipped, a figure has no value and its note gives the reason. A smaller
+fraction widens the interval.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 
@@ -18,34 +19,34 @@ from ..quantity import Quantity
 if TYPE_CHECKING:
     from .stack import Stack
 
-LARGEST_SHARE = 1e-3
-"""Share of clipped values above which they show no figure: a normal signal 3.1 σ from its limit has as many, which
-makes its standard deviation 0.09 % too small."""
-FEWEST_CODES = 16
-"""Between the smallest and the largest value, below which many values at one of them are a quiet camera's."""
-FEWEST_PILED = 20.0
-"""Values at one end of the range up to which none is said to be clipped there, but at 0 and at the largest code."""
-MOST_VALUES = 2**14
-"""Values of a frame that show the distance of two codes."""
-MOST_ROUNDING = 0.2
-"""Share of a figure's variance, at most, that rounding may have: a tenth of the standard deviation."""
-LEAST_DN = 1e-3
-"""Rounding that adds less than this is no reason for a figure without a value [DN]."""
-OFTEN = 0.05
-"""Share of the pixels at the smallest code that jump from there: of unclipped noise of 1 DN, one in a hundred."""
+CLIPPED_MAX = 1e-3
+"""Fraction of clipped values above which figures have no value: a normal signal 3.1 σ below its limit, whose standard
+deviation becomes 0.09 % too small."""
+CODES_MIN = 16
+"""Number of codes between the ends below which many values at one end mean a quiet camera."""
+PILED_MIN = 20.0
+"""Number of values at one end up to which none counts as clipped, except at code 0 and at the full-scale code."""
+SAMPLED_VALUES = 2**14
+"""Number of values of a frame that show the step between codes."""
+HIDDEN_MAX, HIDDEN_NOTED = 0.2, 0.02
+"""Fractions of a variance that rounding or flicker may change: the largest one (a tenth of the standard deviation), and
+the one from which on a note reports it."""
+ROUNDING_MIN_DN = 1e-3
+"""Smaller shifts by rounding are ignored [DN]."""
+JUMPS_MIN = 0.05
+"""Fraction of the pixels at an end that jump from it to the next frame; of unclipped noise of 1 DN, 1 % do."""
 
 
 class ClippedError(InputError):
-    """Frames that cannot show a figure because their values are clipped."""
+    """Error for frames that cannot show a figure because their values are clipped."""
 
 
 @dataclass(frozen=True)
 class Clipping:
-    """Shares of the values at the ends of the range.
+    """Fractions of values at the ends of the range.
 
-    black : of values 0 in frames without negative values, or at another smallest code that clips.
-    saturated : of values at the largest code.
-    lowest, largest : values that occur [DN].
+    black : fraction at code 0, in frames without negative values, or at another smallest code that clips.
+    saturated : fraction at the full-scale code.  lowest, largest : extreme values of the frames [DN].
     """
 
     black: float
@@ -55,34 +56,34 @@ class Clipping:
 
     @property
     def clipped(self) -> bool:
-        """Whether more values are clipped than figures allow."""
-        return max(self.black, self.saturated) > LARGEST_SHARE
+        """Return True if more values are clipped than figures allow."""
+        return max(self.black, self.saturated) > CLIPPED_MAX
 
     @property
     def usable(self) -> bool:
-        """Whether figures may rest on these values: they are not clipped and not all the same."""
+        """Return True if figures may use these values: they are not clipped and not all equal."""
         return not self.clipped and self.lowest < self.largest
 
     @property
     def share(self) -> float:
-        """Share of clipped values at both ends.
+        """Fraction of clipped values at both ends.
 
-        It bounds by how much clipping makes the standard deviation of normal values too small, relatively, and by how
-        much it moves their mean [standard deviations].
+        It bounds the relative error of the standard deviation of normal values, and the shift of their mean in standard
+        deviations.
         """
         return self.black + self.saturated
 
     @property
     def note(self) -> str:
-        """Why these values show no figure; nothing where hardly any value is clipped."""
+        """Reason why these values show no figure, or an empty text."""
         if self.lowest == self.largest:
             return f"every value is {self.lowest:g} DN"
         notes = []
-        if self.black > LARGEST_SHARE:
+        if self.black > CLIPPED_MAX:
             notes.append(
                 f"{self.black:.2%} of the values are {self.lowest:g}: the black level is too low"
             )
-        if self.saturated > LARGEST_SHARE:
+        if self.saturated > CLIPPED_MAX:
             notes.append(
                 f"{self.saturated:.2%} of the values are at the largest code {self.largest:g}"
             )
@@ -90,10 +91,10 @@ class Clipping:
 
     @classmethod
     def measure(cls, frames: NumpyArray, bits: int | None) -> Self:
-        """Shares of the clipped values of frames, (N, H, W), of an ADC with so many bits, if these are known.
+        """Return the fractions of clipped values of frames (N, H, W).  bits : of the ADC, or None.
 
-        The largest value is a limit where it is the largest code of so many bits, the smallest where it is 0; any other
-        where values pile up there more than in the tail of a distribution.
+        The largest value clips if it is the full-scale code, the smallest if it is 0. Any other value clips if more
+        values pile up there than in the tail of a distribution.
         """
         lowest, largest = float(frames.min()), float(frames.max())
         saturates = bits is not None and largest >= 2**bits - 1
@@ -107,7 +108,7 @@ class Clipping:
         )
 
     def shares_of_pixels(self, frames: NumpyArray) -> Float64Array:
-        """Share of the frames in which each pixel is clipped, (N, H, W) → (H, W)."""
+        """Return the fraction of the frames (N, H, W) in which each pixel is clipped, shape (H, W)."""
         count = np.zeros(frames.shape[1:])
         for frame in frames:
             if self.black > 0:
@@ -118,41 +119,41 @@ class Clipping:
 
 
 def _piles_up(frames: NumpyArray, end: float, other_end: float) -> bool:
-    """Whether there are more values at an end of the range than the two codes next to it let a tail have.
+    """Return True if an end of the range has more values than a tail that continues the next two codes.
 
-    Quiet frames have many equal values at their ends, too: pixels must often jump by 3 codes or more from there to the
-    next frame, unless the end is a code like 4095.
+    Quiet frames also have many equal values at their ends, so pixels must often jump from there by 3 codes or more to
+    the next frame, unless the end is a code like 4095.
     """
-    values = np.unique(frames[0].ravel()[:MOST_VALUES]).astype(np.float64)
-    step = float(np.diff(values).min(initial=np.inf))  # 16 of codes of 12 bits that lie in 16
+    values = np.unique(frames[0].ravel()[:SAMPLED_VALUES]).astype(np.float64)
+    step = float(np.diff(values).min(initial=np.inf))  # 16 for 12 bits shifted to 16
     at_end = _count_values(frames, end)
-    if not math.isfinite(step) or abs(end - other_end) < FEWEST_CODES * step:
+    if not math.isfinite(step) or abs(end - other_end) < CODES_MIN * step:
         return False
     is_last_code = end > max(other_end, 0) and math.log2(end + 1).is_integer()
-    if at_end <= FEWEST_PILED or not (is_last_code or _jumps_from(frames, end, step)):
+    if at_end <= PILED_MIN or not (is_last_code or _jumps_from(frames, end, step)):
         return False
     inward = math.copysign(step, other_end - end)
     first, second = (_count_values(frames, end + k * inward) for k in (1, 2))
     tail = first * min(1.0, first / max(second, 1))
-    return at_end > max(FEWEST_PILED, tail + 5 * math.sqrt(first))
+    return at_end > max(PILED_MIN, tail + 5 * math.sqrt(first))
 
 
 def _count_values(frames: NumpyArray, value: float) -> int:
-    """How many values of the frames equal this one, frame by frame to save memory."""
+    """Count the values of the frames that equal this one, frame by frame to save memory."""
     return sum(int(np.count_nonzero(frame == value)) for frame in frames)
 
 
 def _jumps_from(frames: NumpyArray, end: float, step: float) -> bool:
-    """Whether pixels at an end in one of the first two frames are often 3 codes or more from it in the other."""
+    """Return True if pixels at an end in one of the first two frames are often 3 codes away from it in the other."""
     touching = (frames[:2] == end).any(axis=0)
     if len(frames) < 2 or not touching.any():
         return False
     first, second = (frame[touching].astype(np.float64) for frame in frames[:2])
-    return bool(np.mean(np.abs(second - first) > 2.5 * step) > OFTEN)
+    return bool(np.mean(np.abs(second - first) > 2.5 * step) > JUMPS_MIN)
 
 
 def mark_clipped(figure: Quantity, *stacks: Stack) -> Quantity:
-    """The figure of these stacks: without a value, and with the reason, where they are clipped or constant."""
+    """Return the figure, without a value and with the reason if one of its stacks is clipped or constant."""
     for stack in stacks:
         clipping = stack.clipping
         if not clipping.usable:
@@ -162,14 +163,14 @@ def mark_clipped(figure: Quantity, *stacks: Stack) -> Quantity:
 
 
 def mark_clipped_sigma(figure: Quantity, *stacks: Stack) -> Quantity:
-    """The figure marked as by mark_clipped, with an interval that holds what a small share of clipped values hides."""
+    """Return a standard deviation marked by :func:`mark_clipped`, with an interval widened by the clipped fraction."""
     hidden = sum(stack.clipping.share for stack in stacks)
     wider = replace(figure, low=figure.low * (1 - hidden), high=figure.high * (1 + hidden))
     return mark_clipped(wider, *stacks)
 
 
 def mark_coarse(figure: Quantity, *stacks: Stack) -> Quantity:
-    """A temporal figure of these stacks: without a value, and with the reason, where rounding hides the noise."""
+    """Return a temporal figure, without a value and with the reason if rounding hides the noise of a stack."""
     for stack in stacks:
         if stack.coarse:
             figure = figure.without_value()
@@ -177,26 +178,64 @@ def mark_coarse(figure: Quantity, *stacks: Stack) -> Quantity:
     return figure
 
 
-def mark_rounding(figure: Quantity, *stacks: Stack, per_dn: float = 1.0) -> Quantity:
-    """A standard deviation with what rounding may add to it or take from it; without a value where that is too much.
+class Pattern(NamedTuple):
+    """Standard deviation of rows, columns, pixels or all of a stack [DN].
 
-    per_dn : the figure's unit over DN.
+    pixels : standard deviation of its pixels, which spreads rows and columns between codes; None for other parts.
     """
-    shift = sum(stack.rounding_shift_dn for stack in stacks)
-    hidden = 0.0
-    # Of a difference of variances each stack's own is what rounding changes.
-    for stack in stacks:
-        most_dn = min(figure.high / per_dn, math.sqrt(stack.changes.of_means))
-        own_dn = stack.rounding_shift_dn
-        hidden += own_dn * (own_dn + 2 * most_dn) * per_dn**2
+
+    stack: Stack
+    sigma: Quantity
+    pixels: Quantity | None = None
+
+    def hidden_dn2(self) -> float:
+        """Return how far rounding may change the variance of this part [DN²], for a normal pattern."""
+        shift = self.stack.rounding_shift_dn
+        if self.pixels is not None:
+            shift *= math.exp(-2 * math.pi**2 * _least_dn2(shift, self.pixels))
+        most_dn = _high(self.sigma)
+        # Twice the covariance of a normal pattern with its rounding, at the worst place between codes.
+        blurred = (
+            math.sqrt(12) * shift * math.exp(-2 * math.pi**2 * _least_dn2(shift, self.sigma))
+        )
+        return shift**2 + min(2 * shift * most_dn, 4 * most_dn**2 * blurred)
+
+
+def _high(sigma: Quantity) -> float:
+    return sigma.high if math.isfinite(sigma.high) else 0.0
+
+
+def _least_dn2(shift: float, sigma: Quantity) -> float:
+    """Return the smallest true variance of a pattern that rounding shifts by this much [DN²]."""
+    low = sigma.low if math.isfinite(sigma.low) else 0.0
+    return max(low**2 - shift * (shift + 2 * _high(sigma)), 0.0)
+
+
+def mark_rounding(figure: Quantity, *patterns: Pattern, per_dn: float = 1.0) -> Quantity:
+    """Return a standard deviation with an interval that includes rounding, or without a value if rounding is too large.
+
+    patterns : of the stacks that the figure is from.  per_dn : unit of the figure over DN.
+    """
+    shift = sum(pattern.stack.rounding_shift_dn for pattern in patterns)
     if not shift or not math.isfinite(figure.high):
         return figure
-    if hidden > MOST_ROUNDING * figure.high**2 and shift > LEAST_DN:
-        return figure.without_value(f"not measurable: rounding may add or hide {shift:.2g} DN")
-    low = math.sqrt(max(figure.low**2 - hidden, 0.0))
-    return replace(figure, low=low, high=math.sqrt(figure.high**2 + hidden))
+    hidden = sum(pattern.hidden_dn2() for pattern in patterns) * per_dn**2
+    if shift < ROUNDING_MIN_DN:
+        return figure
+    note = f"rounding may add or hide {shift:.2g} DN of a normal pattern"
+    return with_hidden(figure, hidden, note)
+
+
+def with_hidden(figure: Quantity, hidden: float, note: str) -> Quantity:
+    """Return a standard deviation whose variance may be off by this much: widened or, if too wide, without a value."""
+    if hidden > HIDDEN_MAX * figure.high**2:
+        return figure.without_value(f"not measurable: {note}")
+    if hidden > HIDDEN_NOTED * figure.high**2:
+        figure = figure.noted(f"interval widened: {note}")
+    low, high = math.sqrt(max(figure.low**2 - hidden, 0.0)), math.sqrt(figure.high**2 + hidden)
+    return replace(figure, low=low, high=high)
 
 
 def note_left_out(clipped: str) -> str:
-    """A note about clipped levels that are left out of a fit, or nothing.  clipped : why they are clipped."""
+    """Return a note on clipped levels that are left out of a fit, or an empty text.  clipped : the reason."""
     return f"levels with clipped values are left out ({clipped})" if clipped else ""

@@ -1,9 +1,9 @@
-"""Which files belong together and how they were taken: of a manifest, of a descriptor of EMVA 1288, or of the names of
-files and folders; and the frames of one read-out of a camera with several.
+"""Groups of files and their settings from a manifest, an EMVA 1288 descriptor, or the names of files and folders; and
+the frames of one readout of a camera with several readouts.
 
 The descriptor is a text file of lines that begin with a letter: ``n bits width height``; ``b exposure photons`` and ``d
-exposure`` begin the images of a flat field and of darkness, exposure in nanoseconds; ``i file`` names one image of it,
-relative to the descriptor, with slashes of either kind. What follows a ``#`` is a comment.
+exposure`` begin the images of a flat field and of a dark stack, exposure in nanoseconds; ``i file`` names one of its
+images relative to the descriptor, with slashes of either kind. A ``#`` begins a comment.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import sys
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
@@ -24,27 +24,29 @@ from ...files.tiff import BOTH_HALVES, COMBINED, READOUTS, read_readouts
 
 Kind: TypeAlias = Literal["bias", "dark", "flat", "scene"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-OF_LIGHT = "flat", "scene"
-"""Kinds of which frames of equal settings may have other light."""
+LIT_KINDS = "flat", "scene"
+"""Kinds whose frames may have different light at equal settings."""
 MANIFEST = "bench.toml"
 OWN_RAW, OWN_METADATA = "frame.tiff", ("frame.json", "sample.json")
 AGAIN = "write the frames again"
 REMEDY = "give a folder of raw frames, a bench.toml or a descriptor of EMVA 1288"
 SECONDS_PER_NS = 1e-9
+PHOTONS_RANGE_MAX = 0.1
+"""Largest relative range of the photons of a flat field, over its pixels and files; mean and median then agree."""
 ARGUMENTS = {"v": 1, "n": 3, "b": 2, "d": 1, "i": 1}
-"""Numbers of arguments behind each letter of a descriptor."""
+"""Number of arguments after each letter of a descriptor."""
 Check: TypeAlias = tuple[Callable[[Any], bool], str]
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is a finite number of at least 0; True and False are none."""
+    """Return True if a value is a finite number of at least 0; True and False are not."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
     return 0 <= value <= sys.float_info.max
 
 
 def _is_texts(value: object) -> bool:
-    """Whether a value is a list of texts, none of them empty."""
+    """Return True if a value is a list of texts that are not empty."""
     is_list = isinstance(value, list) and bool(value)
     return is_list and all(isinstance(text, str) and text for text in value)  # type: ignore[attr-defined]
 
@@ -81,7 +83,7 @@ WAY_OUT = f"write a {MANIFEST}; docs/lab.md shows one"
 
 @dataclass(frozen=True)
 class Group:
-    """Files with what the manifest says of them.  where : for messages."""
+    """Files with the settings that the manifest states for them.  where : for messages."""
 
     where: str
     files: list[Path]
@@ -89,17 +91,17 @@ class Group:
     settings: Mapping[str, Any]
 
     def of_readout(self) -> Group:
-        """The group of one read-out, whose exposure is its own and stands beside its frames."""
+        """Return the group for one readout, whose exposure time is in the metadata of its frames."""
         settings = {name: x for name, x in self.settings.items() if name != "exposure_s"}
         return replace(self, settings=settings)
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
-    """Tables of a manifest, every key and value of which is checked. Raises InputError."""
+    """Return the tables of a manifest, with every key and value checked. Raises InputError."""
     try:
         facts = read_toml(path)
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path} is no manifest in TOML: {error}.") from None
+        raise InputError(f"{path} is not a manifest in TOML: {error}.") from None
     stacks = facts.get("stack")
     are_tables = isinstance(stacks, list) and all(isinstance(table, dict) for table in stacks)
     if not stacks or not are_tables:
@@ -110,7 +112,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
         for key, value in table.items():
             if key not in checks:
                 raise InputError(
-                    f"{path}: {key} is no key of a manifest ({', '.join(checks)}).{nearest(key, checks)}"
+                    f"{path}: unknown manifest key {key}; the keys are {', '.join(checks)}.{nearest(key, checks)}"
                 )
             is_right, what_is_right = checks[key]
             if not is_right(value):
@@ -121,7 +123,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
 
 
 def groups(facts: Mapping[str, Any], manifest: Path) -> list[Group]:
-    """The files of every stack of a manifest. Raises InputError."""
+    """Return the files of every stack of a manifest. Raises InputError."""
     file_groups: list[Group] = []
     for number, settings in enumerate(facts["stack"], start=1):
         where = f"{manifest}, stack {number}"
@@ -136,7 +138,7 @@ def groups(facts: Mapping[str, Any], manifest: Path) -> list[Group]:
             for pattern in patterns:
                 files += sorted(manifest.parent.glob(pattern))
         except (OSError, ValueError, NotImplementedError):
-            files = []  # a pattern is too long, of another folder, or none
+            files = []  # the pattern is too long, absolute or empty
         if not files:
             raise InputError(
                 f"{where}: no file in {manifest.parent} matches {shown(settings['files'])}."
@@ -146,7 +148,10 @@ def groups(facts: Mapping[str, Any], manifest: Path) -> list[Group]:
 
 
 def read_descriptor(path: Path) -> tuple[Facts, list[Group]]:
-    """What a descriptor says of all images, and the images of each stack. Raises InputError with file and line."""
+    """Return the facts of a descriptor about all images, and the images of each stack.
+
+    Raises InputError with file and line.
+    """
     facts: Facts = {}
     stacks: list[Group] = []
     for number, line in enumerate(text_of_file(path, REMEDY).splitlines(), start=1):
@@ -157,7 +162,7 @@ def read_descriptor(path: Path) -> tuple[Facts, list[Group]]:
         if letter not in ARGUMENTS:
             letters = ", ".join(ARGUMENTS)
             raise InputError(
-                f"{where} begins with {shown(letter)}; a line begins with {letters}."
+                f"{where} begins with {shown(letter)}; a line begins with one of {letters}."
             )
         text = "".join(rest).strip()
         values = (
@@ -178,7 +183,7 @@ def read_descriptor(path: Path) -> tuple[Facts, list[Group]]:
         elif letter == "i":
             file = path.parent / values[0].replace("\\", "/")
             if not stacks:
-                raise InputError(f"{where}: the first image is before a line b or d.")
+                raise InputError(f"{where}: the first image precedes the first line b or d.")
             if not file.is_file():
                 raise InputError(
                     f"{where}: there is no {file}; correct the name, or add the image."
@@ -187,13 +192,13 @@ def read_descriptor(path: Path) -> tuple[Facts, list[Group]]:
     stacks = [stack for stack in stacks if stack.files]
     if not stacks:
         raise InputError(
-            f"{path} is no descriptor of EMVA 1288: no line b or d with images (i file); {REMEDY}."
+            f"{path} is not an EMVA 1288 descriptor: it has no line b or d with images (i file); {REMEDY}."
         )
     return {**facts, "stack": [stack.settings for stack in stacks]}, stacks
 
 
 def _number(where: str, text: str) -> float:
-    """A number of at least 0, with a point or a comma. Raises InputError."""
+    """Return a number of at least 0, written with a point or a comma. Raises InputError."""
     try:
         value = float(text.replace(",", "."))
     except ValueError:
@@ -204,38 +209,37 @@ def _number(where: str, text: str) -> float:
 
 
 def groups_of_names(folder: Path) -> list[Group]:
-    """The files of each kind that a file's name or that of its folder says, None where neither says one.
+    """Return files grouped by the kind in the name of the file or its folder; None if neither states a kind.
 
-    Bias and dark frames of all folders are one group; each folder of flat fields or of a scene is one of its own,
-    because the light of another may be another. Beside a frame.json or sample.json of this package frame.tiff is the
-    only raw file.
+    Bias and dark frames of all folders form one group each. Each folder of flat fields or scenes is a separate group,
+    because its light may differ. Next to frame.json or sample.json of this package, only frame.tiff is a raw file.
     """
     files = sorted(filter(_is_raw_frame, folder.rglob("*")))
     if not files:
         raise InputError(
             f"{folder} holds no raw frames ({', '.join(RAW_FORMATS)}); give a folder that does."
         )
-    found: dict[tuple[Kind | None, Path], list[Path]] = {}
+    by_kind: dict[tuple[Kind | None, Path], list[Path]] = {}
     for file in files:
         kind, place = _kind_by_name(Path(folder.resolve().name) / file.relative_to(folder))
-        if kind not in OF_LIGHT:
+        if kind not in LIT_KINDS:
             place = Path()
-        found.setdefault((kind, place), []).append(file)
+        by_kind.setdefault((kind, place), []).append(file)
     return [
         Group(str(folder.parent / place), alike, kind, {})
-        for (kind, place), alike in found.items()
+        for (kind, place), alike in by_kind.items()
     ]
 
 
 def _is_raw_frame(path: Path) -> bool:
-    """Whether a path is a raw file, and not a preview or another file beside a raw frame of this package."""
+    """Return True if a path is a raw file, not a preview or another file next to a raw frame of this package."""
     if path.suffix.lower() not in RAW_FORMATS or not path.is_file():
         return False
     return path.name == OWN_RAW or not any(path.with_name(x).exists() for x in OWN_METADATA)
 
 
 def _kind_by_name(path: Path) -> tuple[Kind | None, Path]:
-    """The kind with which the name of a file begins, or that of the nearest folder around it; and this folder."""
+    """Return the kind in the name of a file or the nearest folder around it, and this folder."""
     for named in (path, *path.parents):
         for kind in KINDS:
             if named.name.lower().startswith(kind):
@@ -244,8 +248,10 @@ def _kind_by_name(path: Path) -> tuple[Kind | None, Path]:
 
 
 def names_of_readouts(file: Path) -> tuple[str, ...]:
-    """Of the read-outs that a raw file was combined from, the most sensitive first; none of any other file, and of the
-    halves of dual pixels. Raises InputError where they are not beside it."""
+    """Return the names of the readouts that a raw file was combined from, the most sensitive first.
+
+    Other files and the halves of dual pixels have none. Raises InputError if the readouts are not next to the file.
+    """
     pages = file.with_name(READOUTS)
     if pages.is_file():
         names = tuple(read_readouts(pages))
@@ -253,43 +259,65 @@ def names_of_readouts(file: Path) -> tuple[str, ...]:
             return ()
         return tuple(name for name in names if name not in COMBINED)
     facts = _facts_of_readouts(file)
-    combined = [name for name, one in facts.items() if "electrons_per_dn" in one]
+    combined = [name for name, readout in facts.items() if "electrons_per_dn" in readout]
     if combined:
         raise InputError(
-            f"{file} is the linear code of the read-outs {', '.join(combined)}, whose noise it shows mixed, and their "
-            f'frames are not beside it; write {READOUTS} with it (of a dataset: outputs = ["raw", "readouts"]).'
+            f"{file} combines the readouts {', '.join(combined)}, whose noise is mixed, and their frames are missing; "
+            f'write {READOUTS} with it (in a dataset: outputs = ["raw", "readouts"]).'
         )
     return ()
 
 
 def read_readout(file: Path, name: str) -> RawFile:
-    """The frames of a read-out, and what is known of them. Raises InputError for a file that has none of this name."""
-    raw, known = read_raw(file), names_of_readouts(file)
-    if name not in known:
+    """Return the frames of a readout with their metadata. Raises InputError for a file without this readout."""
+    raw, names = read_raw(file), names_of_readouts(file)
+    if name not in names:
         raise InputError(
-            f"{file} has no frames of a read-out {name!r} beside it ({', '.join(known) or 'none at all'}); write "
-            f"{READOUTS} with it, or leave the file out.{nearest(name, known)}"
+            f"{file} has no frames of a readout {name!r} (but of {', '.join(names) or 'none'}); write {READOUTS} with "
+            f"it, or leave the file out.{nearest(name, names)}"
         )
     frames = read_readouts(file.with_name(READOUTS))[name]
     if frames.shape != raw.frames.shape:
         raise InputError(
-            f"{file} has {raw.frames.shape} pixels and {READOUTS} beside it {frames.shape}; {AGAIN}."
+            f"{file} has shape {raw.frames.shape} and {READOUTS} next to it {frames.shape}; {AGAIN}."
         )
     facts = _facts_of_readouts(file).get(name)
     if facts is None:
         raise InputError(
-            f"neither {' nor '.join(OWN_METADATA)} beside {file} says how the read-out {name!r} was exposed; {AGAIN}."
+            f"{' and '.join(OWN_METADATA)} next to {file} do not state the exposure of the readout {name!r}; {AGAIN}."
         )
     bits = math.ceil(math.log2(facts["white_level_dn"] + 1))
     return replace(raw, frames=frames, exposure_s=float(facts["exposure_s"]), bits=bits)
 
 
+def stated_photons(file: Path) -> float | None:
+    """Return the photons per pixel in the metadata of this package, NaN if they vary, None if unknown."""
+    photons = _metadata(file).get("photons")
+    if not isinstance(photons, dict) or photons.get("detected") is not False:
+        return None
+    low, median, high = (photons.get(name) for name in ("min", "median", "max"))
+    if not all(map(is_number, (low, median, high))) or not median:
+        return None
+    return float(median) if high - low <= PHOTONS_RANGE_MAX * median else math.nan
+
+
+def mean_photons(counts: Sequence[float | None]) -> float | None:
+    """Return the mean photons of the files of a stack, or None if some are unknown or they differ too much."""
+    known = [count for count in counts if count is not None and not math.isnan(count)]
+    if len(known) < len(counts) or max(known) > (1 + PHOTONS_RANGE_MAX) * min(known):
+        return None
+    return known[0] if len(set(known)) == 1 else sum(known) / len(known)
+
+
 def _facts_of_readouts(file: Path) -> dict[str, Facts]:
-    """What the metadata beside a raw file of this package say of its read-outs, by name; nothing of other files."""
+    """Return the metadata of the readouts of a raw file of this package by name; empty for other files."""
+    readouts = _metadata(file).get("readouts") or ()
+    return {x["name"]: x for x in readouts if isinstance(x, dict) and "name" in x}
+
+
+def _metadata(file: Path) -> Facts:
+    """Return the metadata next to a raw file of this package; empty for other files."""
     for path in map(file.with_name, OWN_METADATA):
         if file.name == OWN_RAW and path.is_file():
-            listed = read_json(path, AGAIN).get("readouts") or ()
-            return {
-                one["name"]: one for one in listed if isinstance(one, dict) and "name" in one
-            }
+            return read_json(path, AGAIN)
     return {}

@@ -1,4 +1,4 @@
-"""A bench series: flat fields at several levels with the dark frames of their exposure times, as points with errors."""
+"""A series of flat fields at several exposure levels, with the dark frames of their exposure times."""
 
 from __future__ import annotations
 
@@ -12,24 +12,23 @@ from numpy.typing import NDArray
 
 from ...core import InputError
 from ...core.types import Float64Array
-from .clipping import MOST_VALUES
-from .stack import Stack, coarse_note, merged, rounding_error_dn2
-from .temporal import flicker_note, temporal, temporal_within_rows
+from .clipping import SAMPLED_VALUES
+from .stack import Stack, merged, rounding_error_dn2
+from .temporal import flicker_dn, flicker_note, temporal, temporal_within_rows
 
 Report = Callable[[int, int], object]
-"""Told how many of all stacks are measured."""
+"""Called with the number of stacks that are measured and the number of all stacks."""
 
 
 @dataclass(frozen=True)
 class Level:
-    """One stack: mean [DN], variance [DN²], their standard errors, what is known of the light, what was found.
+    """One stack as a point: mean [DN] and variance [DN²] with standard errors, light and notes.
 
-    light_error : standard error of the mean with light that drifts [DN].  freedom : of the variance.
-    spread : standard deviation of the pixels' true means [DN], dark ones included.
-    clipped : why the values show neither mean nor variance; nothing where they are inside of the range. The standard
-    errors hold what a share of clipped values that is too small for that hides.
-    coarse : why rounding hides the temporal noise, or nothing.
-    source : the file or folder.
+    light_error : standard error of the mean, including drifting light [DN].  freedom : degrees of freedom of the
+    variance.  spread : standard deviation of the pixels' true means, including the dark pattern [DN].
+    clipped : reason why clipped values show neither mean nor variance, or an empty text. The standard errors include
+    the effect of smaller fractions of clipped values.
+    coarse : reason why rounding hides the temporal noise, or an empty text.  source : file or folder.
     """
 
     mean: float
@@ -48,17 +47,13 @@ class Level:
 
 
 def measure_level(stack: Stack, lit: bool = False) -> Level:
-    """Mean and variance of a stack whose pixels are alike, with their errors.
-
-    lit : whether rows that fluctuate together are taken out, for they do so by the light.
-    """
+    """Return mean and variance of a uniformly lit stack.  lit : True to remove rows that flicker together."""
     if isinstance(stack.photons, np.ndarray):
         raise InputError(
-            f"{stack.source}: photons are an array; a flat field has one number of photons per pixel."
+            f"{stack.source}: photons is an array of shape {stack.photons.shape}; pass one number for a flat field."
         )
-    flicker = (
-        flicker_note(stack, "taken out of the variance, with the row noise") if lit else ""
-    )
+    shared_dn = flicker_dn(stack) if lit and len(stack) > 1 else 0.0
+    flicker = flicker_note(shared_dn, "it is removed from the variance, with the row noise")
     statistics = temporal_within_rows(stack) if flicker else temporal(stack)
     frames, pixels = statistics.frames, statistics.pixels
     variance, spread = statistics.variance, statistics.spread_dn
@@ -79,7 +74,7 @@ def measure_level(stack: Stack, lit: bool = False) -> Level:
         photons=stack.photons,
         notes=tuple(f"{stack.source}: {note}" for note in notes),
         clipped=f"{stack.source}: {clipping.note}" if clipping.clipped else "",
-        coarse=coarse_note(variance) if stack.whole_codes else "",
+        coarse=stack.coarse_at(variance),
         source=stack.source,
     )
 
@@ -88,8 +83,8 @@ def measure_level(stack: Stack, lit: bool = False) -> Level:
 class Series:
     """Flat fields in ascending order of light, each with the dark level of its exposure time.
 
-    flats, darks : levels.  dark_of : for each flat the index of its dark.  top_code : of the ADC, or None.
-    whole : whether all values are whole codes, so that rounding is part of the variance.  notes : what was found.
+    flats, darks : levels.  dark_of : index of the dark level of each flat field.  top_code : full-scale code, or None.
+    whole : True if all values are whole codes, so the variance includes rounding.  notes : remarks on the frames.
     """
 
     flats: tuple[Level, ...]
@@ -100,11 +95,11 @@ class Series:
     notes: tuple[str, ...]
 
     def of_flats(self, name: str) -> Float64Array:
-        """A field of all flats, NaN for None."""
+        """Return a field of all flat fields, NaN for None."""
         return np.array([getattr(flat, name) for flat in self.flats], dtype=np.float64)
 
     def of_darks(self, name: str) -> Float64Array:
-        """A field of the dark level that belongs to each flat."""
+        """Return a field of the dark level of each flat field."""
         values = np.array([getattr(dark, name) for dark in self.darks], dtype=np.float64)
         return values[self.dark_of]
 
@@ -120,45 +115,45 @@ class Series:
 
     @property
     def photons_known(self) -> bool:
-        """Whether the photons of every flat are known."""
+        """Return True if the photons of every flat field are known."""
         return all(flat.photons is not None for flat in self.flats)
 
     @cached_property
     def light(self) -> Float64Array:
-        """Photons per pixel where they are known, else the exposure time [s]."""
+        """Photons per pixel or, if unknown, exposure time [s]."""
         return self.of_flats("photons" if self.photons_known else "exposure_s")
 
     @cached_property
     def inside(self) -> NDArray[np.bool_]:
-        """Which flats are not clipped, nor their darks, (n,)."""
+        """Mask of the flat fields that are not clipped and whose dark frames are not, shape (n,)."""
         return np.array([not note for note in self._clipped_notes])
 
     @cached_property
     def clipped_darks(self) -> str:
-        """Why the dark frames show nothing, or nothing where they are inside of the range."""
+        """Reason why clipped dark frames show nothing, or an empty text."""
         return next(filter(None, (self.darks[k].clipped for k in self.dark_of)), "")
 
     @cached_property
     def _clipped_notes(self) -> list[str]:
-        """For each flat why it or its dark shows nothing, or nothing."""
+        """Reasons why each flat field or its dark frames are clipped, or empty texts."""
         darks = [self.darks[k] for k in self.dark_of]
         return [
             dark.clipped or flat.clipped for flat, dark in zip(self.flats, darks, strict=True)
         ]
 
     def why_clipped(self, levels: NDArray[np.bool_]) -> str:
-        """Why the first of these levels that is clipped shows nothing, or nothing where none is."""
-        asked = zip(self._clipped_notes, levels, strict=True)
-        return next((note for note, is_asked in asked if is_asked and note), "")
+        """Return why the first clipped one of these levels shows nothing, or an empty text."""
+        pairs = zip(self._clipped_notes, levels, strict=True)
+        return next((note for note, chosen in pairs if chosen and note), "")
 
     def shared(self, errors: Float64Array) -> Float64Array:
-        """Covariance (n, n) that flats have by the same dark, whose standard errors are given for each flat."""
+        """Return the covariance (n, n) of flat fields that share dark frames with these standard errors."""
         same = self.dark_of[:, None] == self.dark_of[None, :]
         return np.asarray(same * errors[:, None] * errors[None, :])
 
     @cached_property
     def dark_variance_error(self) -> Float64Array:
-        """Standard error of the variance of each flat's dark, with what rounding may add to it [DN²]."""
+        """Standard error of the dark variance of each flat field, including rounding [DN²]."""
         rounding = [
             rounding_error_dn2(dark.variance) if self.whole else 0.0 for dark in self.darks
         ]
@@ -168,38 +163,32 @@ class Series:
 
     @cached_property
     def coarse(self) -> NDArray[np.bool_]:
-        """Which flats have temporal noise that rounding hides, (n,)."""
+        """Mask of the flat fields whose temporal noise is hidden by rounding, shape (n,)."""
         return np.array([bool(flat.coarse) for flat in self.flats])
 
 
 def series(
-    darks: Sequence[Stack],
-    flats: Sequence[Stack],
-    window: int | None = None,
-    report: Report | None = None,
+    darks: Sequence[Stack], flats: Sequence[Stack], report: Report | None = None
 ) -> Series:
-    """Reduce stacks to a series. A window takes that many rows and columns about the centre.
+    """Reduce stacks to a series.
 
-    report : called with the stacks that are measured, and all of them, after each.
+    report : called after each stack with the number of measured and of all stacks.
+    A flat field without dark frames of its exposure time uses those of the nearest time, and a note reports it.
 
-    Flats without a dark of their own exposure time take the one of the nearest, and a note says so.
-
-    Raises InputError where stacks are missing, have one frame, a mosaic, or differ in size, gain or bits.
+    Raises InputError if stacks are missing, have one frame or a mosaic, or differ in size, gain or bits.
     """
     if not darks or not flats:
         raise InputError(
-            f"{len(darks)} dark stacks and {len(flats)} flat stacks; pass at least one of each."
+            f"series has {len(darks)} dark stacks and {len(flats)} flat stacks; pass at least one of each."
         )
     _check_stacks([*darks, *flats])
-    if window is not None:
-        darks, flats = ([stack.centre(window) for stack in some] for some in (darks, flats))
-    of_stacks: list[Level] = []
+    measured: list[Level] = []
     for number, stack in enumerate((*darks, *flats)):
-        of_stacks.append(measure_level(stack, lit=number >= len(darks)))
+        measured.append(measure_level(stack, lit=number >= len(darks)))
         if report is not None:
-            report(len(of_stacks), len(darks) + len(flats))
-    dark_levels = tuple(of_stacks[: len(darks)])
-    levels = _sort_levels(of_stacks[len(darks) :])
+            report(len(measured), len(darks) + len(flats))
+    dark_levels = tuple(measured[: len(darks)])
+    levels = _sort_levels(measured[len(darks) :])
     times = np.array([dark.exposure_s for dark in dark_levels])
     dark_of = np.array([int(np.argmin(abs(times - flat.exposure_s))) for flat in levels])
     notes = [note for level in (*dark_levels, *levels) for note in level.notes]
@@ -208,7 +197,7 @@ def series(
     notes += coarse_codes(darks)
     whole = all(stack.whole_codes for stack in (*darks, *flats))
     if not whole:
-        notes.append("the frames have fractions of codes: no rounding was subtracted")
+        notes.append("the frames have fractions of codes, so no rounding is subtracted")
     bits = flats[0].bits
     return Series(
         flats=tuple(levels),
@@ -221,16 +210,16 @@ def series(
 
 
 def _sort_levels(levels: list[Level]) -> list[Level]:
-    """Levels by photons where these are known, else by exposure time where it varies, else by mean.
+    """Sort levels by photons or, if unknown, by exposure time or, if equal, by mean.
 
-    Raises InputError where the photons of some levels are known and those of others are not.
+    Raises InputError if photons are known for only some levels.
     """
-    known = [level.photons is not None for level in levels]
-    if all(known):
+    counts = [level.photons for level in levels]
+    if None not in counts:
         return sorted(levels, key=lambda level: level.photons or 0.0)
-    if any(known):
+    if any(count is not None for count in counts):
         raise InputError(
-            "Some flat fields have photons and some have None; give all of them or none."
+            f"photons is None for {counts.count(None)} of {len(counts)} flat fields; pass all of them or none."
         )
     if len({level.exposure_s for level in levels}) > 1:
         return sorted(levels, key=lambda level: level.exposure_s)
@@ -238,19 +227,19 @@ def _sort_levels(levels: list[Level]) -> list[Level]:
 
 
 def _note_far_darks(flats: Sequence[Level], times: Float64Array) -> list[str]:
-    """A note where flats have no dark frames of their exposure time."""
+    """Return a note if flat fields have no dark frames of their exposure time."""
     of_flats = [flat.exposure_s for flat in flats]
     far_s = [time for time in of_flats if not np.isclose(times, time, rtol=1e-6).any()]
     if not far_s:
         return []
     levels = f"{len(far_s)} of {len(flats)} levels"
-    return [f"no dark frames at {far_s[0]:g} s ({levels}): those nearest were taken"]
+    return [f"no dark frames at {far_s[0]:g} s ({levels}): those of the nearest time are used"]
 
 
 def coarse_codes(darks: Sequence[Stack]) -> list[str]:
-    """A note where the codes of the first dark frames are multiples of more than 1, as of 12 bits shifted to 16."""
+    """Return a note if the dark codes are multiples of more than 1, e.g. 12 bits shifted to 16."""
     codes = np.unique(
-        np.concatenate([stack.frames[0].ravel()[:MOST_VALUES] for stack in darks])
+        np.concatenate([stack.frames[0].ravel()[:SAMPLED_VALUES] for stack in darks])
     )
     if codes.dtype.kind == "f" and (codes != np.round(codes)).any():
         return []
@@ -258,17 +247,17 @@ def coarse_codes(darks: Sequence[Stack]) -> list[str]:
     if step < 2 or len(codes) < 3:
         return []
     return [
-        f"dark codes differ by multiples of {step}: divide the frames by {step}, or rounding counts as noise"
+        f"dark codes are multiples of {step}, so rounding is taken for noise; divide the frames by {step}"
     ]
 
 
 def _check_stacks(stacks: Sequence[Stack]) -> None:
-    """Raises InputError for codes beyond the bits of the ADC, and for stacks that differ in size, gain or bits."""
+    """Raise InputError for codes above the bits of the ADC, and for stacks that differ in size, gain or bits."""
     for stack in stacks:
         largest = stack.clipping.largest
         if stack.bits is not None and largest > 2**stack.bits - 1:
             raise InputError(
-                f"{stack.source}: code {largest:g} is beyond {stack.bits} bits; pass the bits of the file."
+                f"{stack.source}: code {largest:g} is above {stack.bits} bits; pass the bits of the file."
             )
     for name in ("shape", "gain", "bits"):
         sources = {getattr(stack, name): stack.source for stack in stacks}
@@ -276,5 +265,5 @@ def _check_stacks(stacks: Sequence[Stack]) -> None:
             first_three = list(sources.items())[:3]
             values = ", ".join(f"{value!r} ({source})" for value, source in first_three)
             raise InputError(
-                f"The stacks differ in {name}: {values}; measure each {name} apart."
+                f"the stacks differ in {name}: {values}; measure each {name} individually."
             )

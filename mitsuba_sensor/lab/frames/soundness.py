@@ -1,5 +1,5 @@
-"""Benches that would be measured wrongly without an error: copies, mosaics without a tile, saturated dark frames, and
-rows and columns without a response to light."""
+"""Checks for benches that would be measured wrongly: copied frames, mosaics without a tile, saturated dark frames, dead
+or stuck lines."""
 
 from __future__ import annotations
 
@@ -13,27 +13,26 @@ from ...core import InputError
 from .bench import Bench
 from .stack import Stack
 
-COMPARED = 16
-"""Every so many rows of two frames are compared first."""
-FEWEST_CODES = 12
-"""Of a frame: without noise, offsets of so many codes would put some pixels between two of them."""
-LEAST_DIFFERENCE = 0.05
-"""Relative difference of the signals at the places of 2 × 2 tiles, from which on they are colour filters; channels of
-a sensor differ by less."""
-SEEN, SEEN_FRAMES = 256, 16
-"""Rows and columns of the centre, and frames, that tell whether a dark stack is saturated."""
-LEAST_RESPONSE, LARGEST_RESPONSE = 0.5, 1.5
-"""Response of a line over that of the middle one, outside of which it is filled."""
+COMPARED_ROWS_STEP = 16
+"""Every 16th row of two frames is compared first."""
+COPY_CODES_MIN = 12
+"""Number of codes in a frame; frames of fewer codes may be equal at random."""
+FILTER_DIFFERENCE_MIN = 0.05
+"""Relative difference of the four signals of 2 × 2 tiles with colour filters; channels of a sensor differ less."""
+SATURATION_SIDE, SATURATION_FRAMES = 256, 16
+"""Central rows and columns, and frames, that show whether a dark stack is saturated."""
+RESPONSE_MIN, RESPONSE_MAX = 0.5, 1.5
+"""Response of a line over the median response; lines outside are filled."""
 MEDIAN_FRAMES = 9
-"""Frames whose median shows dead and stuck lines."""
-MOST_LINES = 0.02
-"""Share of the rows, or of the columns, up to which they are defects; more are uneven light."""
+"""Number of frames whose median shows dead and stuck lines."""
+DEFECT_LINES_MAX = 0.02
+"""Largest fraction of the rows or columns that can be defects; more are uneven light."""
 
 
 def sound(bench: Bench) -> tuple[Bench, list[str]]:
-    """The bench without saturated dark stacks, dead and stuck lines filled by their neighbours, and notes on both.
+    """Return the bench without saturated dark stacks and with filled dead and stuck lines, and notes on both.
 
-    Raises InputError for frames that are copies, and for flat fields of a mosaic without a tile.
+    Raises InputError for copied frames, and for flat fields of a mosaic without a tile.
     """
     for stack in bench.stacks:
         _refuse_copies(stack)
@@ -45,22 +44,22 @@ def sound(bench: Bench) -> tuple[Bench, list[str]]:
 
 
 def _refuse_copies(stack: Stack) -> None:
-    """Raises InputError where a frame is a copy of another one; frames of few codes may be equal by chance."""
+    """Raise InputError if a frame is a copy of another one."""
     first_frame: dict[bytes, int] = {}
     for number, frame in enumerate(stack.frames):
-        some = np.ascontiguousarray(frame[::COMPARED]).tobytes()
-        first = first_frame.setdefault(some, number)
-        if first == number or len(np.unique(frame[::COMPARED])) < FEWEST_CODES:
+        rows = np.ascontiguousarray(frame[::COMPARED_ROWS_STEP])
+        first = first_frame.setdefault(rows.tobytes(), number)
+        if first == number or len(np.unique(rows)) < COPY_CODES_MIN:
             continue
         if np.array_equal(frame, stack.frames[first]):
             raise InputError(
-                f"{stack.source}: frames {first + 1} and {number + 1} are identical; copies show no temporal "
-                "noise, leave them out."
+                f"{stack.source}: frames {first + 1} and {number + 1} are identical, and copies show no temporal "
+                "noise; leave them out."
             )
 
 
 def _refuse_mosaic(bench: Bench) -> None:
-    """Raises InputError where the four places of 2 × 2 tiles have other signals, as behind colour filters."""
+    """Raise InputError if the four signals of 2 × 2 tiles differ, as with colour filters."""
     flats = [flat for flat in bench.flats if not flat.tile and flat.clipping.usable]
     if not flats or bench.stacks[0].tile or min(flats[0].shape) < 8 or not bench.unlit:
         return
@@ -73,16 +72,16 @@ def _refuse_mosaic(bench: Bench) -> None:
     tiles = tiles.reshape(-1, 4)
     means = np.median(tiles, axis=0)
     error = 1.25 * float(tiles.std(axis=0).mean()) / len(tiles) ** 0.5
-    if float(np.ptp(means)) > max(LEAST_DIFFERENCE * abs(means.mean()), 10 * error):
+    if float(np.ptp(means)) > max(FILTER_DIFFERENCE_MIN * abs(means.mean()), 10 * error):
         shown = ", ".join(f"{mean:.4g}" for mean in means)
         raise InputError(
-            f"{flat.source}: the four places of 2 × 2 tiles have signals of {shown} DN, as behind colour filters; give "
+            f"{flat.source}: the four places of 2 × 2 tiles have signals of {shown} DN, as with colour filters; state "
             'the tile, e.g. tile = [["R", "G"], ["G", "B"]] in the manifest.'
         )
 
 
 def _without_saturated_darks(bench: Bench) -> tuple[Bench, str]:
-    """The bench without dark stacks at the end of the range, whose noise is less than half of that of darker stacks."""
+    """Return the bench without saturated dark stacks, which have less than half of the variance of darker stacks."""
     points = {id(s): _mean_and_variance(s) for s in bench.stacks if len(s) > 1}
     shortest_s = min((dark.exposure_s for dark in bench.unlit), default=0.0)
     full: dict[int, Stack] = {}
@@ -95,12 +94,12 @@ def _without_saturated_darks(bench: Bench) -> tuple[Bench, str]:
         return bench, ""
     times = ", ".join(f"{stack.exposure_s:g} s" for stack in full.values())
     kept = bench.change(lambda stacks: [stack for stack in stacks if id(stack) not in full])
-    return kept, f"dark frames of {times} are saturated, and left out"
+    return kept, f"dark frames of {times} are saturated and left out"
 
 
 def _mean_and_variance(stack: Stack) -> tuple[float, float]:
-    """Mean [DN] and temporal variance within rows [DN²] at the centre: light that flickers is no noise."""
-    frames = stack.centre(SEEN).frames[:SEEN_FRAMES].astype(np.float64)
+    """Return mean [DN] and temporal variance within rows [DN²] of the centre, without flicker."""
+    frames = stack.centre(SATURATION_SIDE).frames[:SATURATION_FRAMES].astype(np.float64)
     stack.release()
     mean = float(frames.mean())
     frames -= frames.mean(axis=2, keepdims=True)
@@ -108,7 +107,7 @@ def _mean_and_variance(stack: Stack) -> tuple[float, float]:
 
 
 def with_lines_filled(bench: Bench) -> tuple[Bench, str]:
-    """A bench whose dead and stuck lines have the values of the nearest others of their filter, and a note."""
+    """Return a bench whose dead and stuck lines have the values of the nearest line of the same filter, and a note."""
     tile = bench.stacks[0].tile or (("",),)
     periods = len(tile), len(tile[0])
     stuck: tuple[set[int], set[int]] = set(), set()
@@ -131,12 +130,12 @@ def with_lines_filled(bench: Bench) -> tuple[Bench, str]:
         for name, lines in zip(("row", "column"), stuck, strict=True)
         if lines
     )
-    note = "without the response of light of the others, and taken from their neighbours"
+    note = "lines that respond to light unlike the others have the values of their neighbours"
     return bench.change(fill), f"{note}: {text}"
 
 
 def _nearest_others(count: int, stuck: set[int], period: int) -> NDArray[np.intp]:
-    """For every line its own number, for a stuck one that of the nearest other of the same filter, (count,)."""
+    """Return the number of each line or, for a stuck line, of the nearest line of the same filter, shape (count,)."""
     taken = np.arange(count)
     for number in stuck:
         alike = [k for k in range(number % period, count, period) if k not in stuck]
@@ -145,10 +144,10 @@ def _nearest_others(count: int, stuck: set[int], period: int) -> NDArray[np.intp
 
 
 def _stuck_lines(bench: Bench) -> list[NDArray[np.intp]]:
-    """Dead and stuck rows and columns of a bench of one filter.
+    """Return dead and stuck rows and columns of a bench with one filter.
 
-    They show in the flat field nearest to half of the brightest one, less a dark frame; in medians, which neither hot
-    pixels nor uneven light move. Where too many lines have another response, it is not the lines.
+    Medians of the flat field nearest to half of the brightest one, minus a dark frame, show them; hot pixels and uneven
+    light do not move medians. Lines are no defects if too many of them respond differently.
     """
     darks = (*bench.darks, *bench.biases)
     if not darks or not bench.flats:
@@ -163,10 +162,9 @@ def _stuck_lines(bench: Bench) -> list[NDArray[np.intp]]:
     lines: list[NDArray[np.intp]] = []
     for axis in (1, 0):
         responses = np.median(signal, axis=axis)
-        share = responses / max(float(np.median(responses)), 1e-300)
-        numbers = np.flatnonzero((share < LEAST_RESPONSE) | (share > LARGEST_RESPONSE))
-        is_few = np.median(responses) > 0 and len(numbers) <= max(
-            1, MOST_LINES * len(responses)
-        )
-        lines.append(numbers if is_few else numbers[:0])
+        median = float(np.median(responses))
+        ratio = responses / max(median, 1e-300)
+        numbers = np.flatnonzero((ratio < RESPONSE_MIN) | (ratio > RESPONSE_MAX))
+        are_few = len(numbers) <= max(1, DEFECT_LINES_MAX * len(responses))
+        lines.append(numbers if median > 0 and are_few else numbers[:0])
     return lines

@@ -1,4 +1,4 @@
-"""Frames of one scene under one setting of a camera, simulated or real, with their statistics of each pixel."""
+"""Frames of one scene at one camera setting, simulated or real, with statistics of each pixel."""
 
 from __future__ import annotations
 
@@ -16,72 +16,75 @@ from numpy.typing import NDArray
 from ...core import InputError, finite_numbers, refuse_masked, require
 from ...core.checks import require_finite
 from ...core.errors import require_count
-from ...core.exposure import LONGEST_S
+from ...core.exposure import TIME_MAX_S
 from ...core.types import Float64Array
 from .clipping import Clipping
 
-MOST_BITS = 32
+BITS_MAX = 32
 STRIP_VALUES = 2**17
-"""Values that are float64 at once: 1 MiB, which the caches of a processor hold, whatever the size of the stack."""
+"""Values converted to float64 at once: 1 MiB, which fits in processor caches, whatever the size of the stack."""
 ROUNDING_DN2 = 1 / 12
-"""Variance of rounding to whole codes, EMVA 1288 R4 2.2."""
+"""Variance of rounding to whole codes (EMVA 1288 R4 2.2)."""
 COARSE_DN2 = 0.24
-"""Temporal variance below which rounding hides temporal noise: EMVA 1288 R4 2.2 gives bounds instead of figures."""
-ONE_FRAME = "one frame: temporal noise is not told from spatial, pass at least 2"
+"""Temporal variance below which rounding hides temporal noise; EMVA 1288 R4 2.2 then gives bounds instead of values."""
+ONE_FRAME = "one frame does not separate temporal from spatial noise, pass at least 2"
 NUMBER = re.compile(r"[-+]?\d[\d.,]*(?:e[-+]?\d+)?")
 
 
-def coarse_note(variance_dn2: float) -> str:
-    """Why frames of whole codes show no temporal figure, or nothing.  variance_dn2 : σ_y² [DN²]."""
-    if not variance_dn2 < COARSE_DN2:
+def coarse_note(variance_dn2: float, span_dn: float = math.inf) -> str:
+    """Return why frames of whole codes show no temporal figure, or an empty text.
+
+    variance_dn2 : σ_y² [DN²].  span_dn : largest minus smallest code.
+    """
+    if not variance_dn2 < COARSE_DN2 and span_dn > 1:
         return ""
+    limit = f"below {COARSE_DN2} DN²" if variance_dn2 < COARSE_DN2 else "with two codes"
     return (
-        f"not measurable: the temporal variance is {variance_dn2:.2g} DN², and below {COARSE_DN2} DN² rounding hides "
-        "the noise (EMVA 1288 R4 2.2); use a higher gain"
+        f"not measurable: the temporal variance is {variance_dn2:.2g} DN², and {limit} rounding hides the noise (EMVA "
+        "1288 R4 2.2); use a higher gain"
     )
 
 
 def rounding_shift_dn(variance_dn2: float) -> float:
-    """Standard deviation of what rounding may add to a mean of whole codes with this variance [DN].
+    """Return the standard deviation of the shift that rounding gives to a mean of codes with this variance [DN].
 
-    It is 1/√12 DN without noise and decreases as exp(−2π²σ²) (Widrow and Kollár 2008).
+    The shift is 1/√12 DN without noise and falls as exp(−2π²σ²) (Widrow and Kollár 2008).
     """
     return math.exp(-2 * math.pi**2 * _least_dn2(variance_dn2)) * math.sqrt(ROUNDING_DN2)
 
 
 def rounding_error_dn2(variance_dn2: float) -> float:
-    """By how much the variance of rounding may differ from 1/12 DN² at this variance of the codes [DN²]."""
+    """Return how far the variance of rounding may differ from 1/12 DN² at this variance of the codes [DN²]."""
     return min(ROUNDING_DN2, float(_rounding_error(np.array(_least_dn2(variance_dn2)))))
 
 
 def _least_dn2(variance_dn2: float) -> float:
-    """The smallest σ² that has this variance of the codes, at the least favourable place between two codes."""
+    """Return the smallest σ² [DN²] that gives this variance of the codes, at the worst position between two codes."""
     sigma_dn2 = np.linspace(0.0, 1.5, 301)
     most = sigma_dn2 + ROUNDING_DN2 + _rounding_error(sigma_dn2)
     return float(np.interp(variance_dn2, most, sigma_dn2))
 
 
 def _rounding_error(sigma_dn2: Float64Array) -> Float64Array:
-    """Largest difference from 1/12 DN² for normal noise, if the means of all pixels are equal [DN²]."""
+    """Return the largest difference from 1/12 DN² for normal noise, if all pixels have the same mean [DN²]."""
     return np.asarray((4 * sigma_dn2 + math.pi**-2) * np.exp(-2 * math.pi**2 * sigma_dn2))
 
 
 def release(frames: NDArray[Any]) -> None:
-    """Let the system take back the memory of frames that lie on disk.
+    """Let the system reclaim the memory of frames that are mapped from disk.
 
-    Frames that are mapped to be changed are left alone: their changes would be lost.
+    Frames mapped for writing are left alone, because their changes would be lost.
     """
     if getattr(frames, "mode", "") == "r" and hasattr(mmap, "MADV_DONTNEED"):
         frames._mmap.madvise(mmap.MADV_DONTNEED)  # type: ignore[attr-defined]
 
 
 class Changes(NamedTuple):
-    """What one pass over a stack finds.
+    """Statistics from one pass over a stack, without what the pixels of a frame have in common.
 
-    mean : of all values [DN].  of_means : variance over the pixels of their means [DN²].
-    variance, square : means over the pixels of their variance over the frames, without what is common to the pixels of
-    a frame [DN²], and of its square [DN⁴].
-    rows, columns : deviations of the lines' means from their means over the frames, without it, (N, lines) [DN].
+    mean : mean of all values [DN].  of_means : variance of the pixel means over the pixels [DN²].
+    variance, square : temporal variance of a pixel and its square, averaged over the pixels [DN², DN⁴].
+    rows, columns : deviations of the line means of each frame from their temporal means, shape (N, lines) [DN].
     """
 
     mean: float
@@ -94,7 +97,7 @@ class Changes(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """N frames of one scene with one setting, and what is known about them.
+    """N frames of one scene at one setting, and what is known about them.
 
     ::
 
@@ -102,16 +105,16 @@ class Stack:
         stack = ms.lab.Stack(dark, exposure.time_s, photons=0, bits=12)
         print(stack.mean.mean())
 
-    frames : (N, H, W) digital numbers, integers or floats [DN]; they are not copied.
+    frames : digital numbers, shape (N, H, W), integers or floats [DN]; not copied.
     exposure_s : exposure time [s], at least 0.
-    photons : mean photons per pixel and exposure: a number for a flat field, 0 in the dark, (H, W) for another scene;
-        None where nobody knows.
-    temperature_k : of the sensor [K], or None.  gain : name of the gain setting, an ISO speed for example.
-    bits : of the ADC, or None: its largest code is then looked for in the frames.
-    tile : names of the colour filters as they lie in these frames, in rows; empty for a monochrome camera.
-    source : the file or folder, for messages.
+    photons : mean photons per pixel and exposure: a number for a flat field, 0 in the dark, shape (H, W) for another
+        scene, None if unknown.
+    temperature_k : sensor temperature [K], or None.  gain : name of the gain setting, e.g. an ISO speed.
+    bits : bits of the ADC, or None to search the frames for the full-scale code.
+    tile : rows of colour filter names, from the first pixel of these frames; empty for a monochrome camera.
+    source : file or folder, for messages.
 
-    Raises InputError for frames of another shape or type, values that are not finite, and unusable settings.
+    Raises InputError for frames of another shape or type, values that are not finite, and impossible settings.
     """
 
     frames: NDArray[Any]
@@ -139,7 +142,7 @@ class Stack:
             )
         if frames.dtype.kind == "f":
             require_finite(f"{source}: frames", frames, "digital numbers")
-        require(f"{source}: exposure_s", self.exposure_s, 0.0, LONGEST_S, "seconds, e.g. 0.01")
+        require(f"{source}: exposure_s", self.exposure_s, 0.0, TIME_MAX_S, "seconds, e.g. 0.01")
         if self.photons is not None:
             wanted = "photons per pixel of 0 or more, a number or (rows, columns)"
             photons = finite_numbers(f"{source}: photons", self.photons, wanted)
@@ -148,11 +151,11 @@ class Stack:
                     f"{source}: photons has shape {photons.shape} and values from {photons.min():g}; pass {wanted}."
                 )
         if self.bits is not None:
-            require_count(f"{source}: bits", self.bits, 1, MOST_BITS, 12)
+            require_count(f"{source}: bits", self.bits, 1, BITS_MAX, 12)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(H, W)."""
+        """Rows and columns, (H, W)."""
         return self.frames.shape[1], self.frames.shape[2]
 
     def __len__(self) -> int:
@@ -160,20 +163,17 @@ class Stack:
 
     @property
     def dark(self) -> bool:
-        """Whether it is known that no light fell on the sensor."""
+        """Return True if no light fell on the sensor for certain."""
         return self.photons is not None and not np.any(self.photons)
 
     @cached_property
     def mean(self) -> Float64Array:
-        """Mean of each pixel over the frames, (H, W) [DN]."""
+        """Temporal mean of each pixel, shape (H, W) [DN]."""
         return self._mean_over(0)
 
     @cached_property
     def variance(self) -> Float64Array:
-        """Variance of each pixel over the frames, with N - 1, (H, W) [DN²]; NaN for a single frame.
-
-        It is computed in two passes, in strips of rows.
-        """
+        """Unbiased temporal variance of each pixel, shape (H, W) [DN²], from two passes; NaN for a single frame."""
         variance = np.full(self.shape, np.nan)
         if len(self) > 1:
             for rows in self.strips():
@@ -183,26 +183,31 @@ class Stack:
 
     @cached_property
     def whole_codes(self) -> bool:
-        """Whether no value of the frames has a fraction."""
+        """Return True if all values are whole numbers."""
         if self.frames.dtype.kind in "ui":
             return True
         return bool((self.frames == np.round(self.frames)).all())
 
     @cached_property
     def coarse(self) -> str:
-        """Why rounding hides the temporal noise of these frames, or nothing."""
-        if len(self) == 1 or not self.whole_codes:
+        """Reason why rounding hides the temporal noise of these frames, or an empty text."""
+        if len(self) == 1:
             return ""
-        return coarse_note(self.changes.variance)
+        return self.coarse_at(self.changes.variance)
+
+    def coarse_at(self, variance_dn2: float) -> str:
+        """Return why rounding hides this temporal variance [DN²] of these frames, or an empty text."""
+        span_dn = self.clipping.largest - self.clipping.lowest
+        return coarse_note(variance_dn2, span_dn) if self.whole_codes else ""
 
     @property
     def temporal_note(self) -> str:
-        """Why the temporal noise of these frames is not known, or nothing."""
+        """Reason why the temporal noise of these frames is unknown, or an empty text."""
         return ONE_FRAME if len(self) == 1 else self.coarse
 
     @cached_property
     def rounding_shift_dn(self) -> float:
-        """Standard deviation of the pattern that rounding adds to pixels and lines [DN]; 0 if that is not known."""
+        """Standard deviation of the pattern that rounding adds to the pixel means [DN]; 0 for frames with fractions."""
         if len(self) == 1 or not self.whole_codes:
             return 0.0
         sigma_dn2 = max(self.changes.variance - ROUNDING_DN2, 0.0)
@@ -210,7 +215,7 @@ class Stack:
 
     @cached_property
     def changes(self) -> Changes:
-        """What changes from frame to frame, without the frames' means."""
+        """Temporal statistics without the mean of each frame."""
         drift = self.frame_means - self.frame_means.mean()
         return self.changes_without(lambda rows: (drift[:, None, None], 1.0))
 
@@ -219,11 +224,11 @@ class Stack:
         common: Callable[[slice], tuple[Float64Array, float | Float64Array]],
         maps: tuple[Float64Array, Float64Array] | None = None,
     ) -> Changes:
-        """What changes from frame to frame without what pixels have in common, in strips of rows.
+        """Return temporal statistics without what pixels have in common, computed in strips of rows.
 
-        common : deviations to be subtracted of some rows, (N, rows, columns) or broadcast to it, and the factor by
-            which that makes variances too small.
-        maps : filled with mean and variance of each pixel, (H, W).
+        common : returns for a strip of rows the deviations to subtract, broadcast to (N, rows, columns), and the
+            factor that corrects the variances for this subtraction.
+        maps : arrays (H, W) to fill with mean and variance of each pixel.
         """
         (height, width), frames = self.shape, len(self)
         rows, columns = np.empty((frames, height)), np.zeros((frames, width))
@@ -247,24 +252,24 @@ class Stack:
 
     @cached_property
     def clipping(self) -> Clipping:
-        """Shares of the values at the ends of the range."""
-        found = Clipping.measure(self.frames, self.bits)
+        """Fractions of the values at the ends of the range."""
+        clipping = Clipping.measure(self.frames, self.bits)
         self.release()
-        return found
+        return clipping
 
     @cached_property
     def frame_means(self) -> Float64Array:
-        """Mean of each frame over its pixels, (N,) [DN]: light that drifts shows here."""
+        """Mean of each frame, shape (N,) [DN], which shows drifting light."""
         return self._mean_over((1, 2))
 
     @cached_property
     def row_means(self) -> Float64Array:
-        """Mean of each row of each frame, (N, H) [DN]."""
+        """Mean of each row of each frame, shape (N, H) [DN]."""
         return self._mean_over(2)
 
     @cached_property
     def column_means(self) -> Float64Array:
-        """Mean of each column of each frame, (N, W) [DN]."""
+        """Mean of each column of each frame, shape (N, W) [DN]."""
         return self._mean_over(1)
 
     def _mean_over(self, axis: int | tuple[int, int]) -> Float64Array:
@@ -273,7 +278,7 @@ class Stack:
         return means
 
     def strips(self) -> Iterator[slice]:
-        """Rows that are worked on at once."""
+        """Yield slices of rows that are processed at once."""
         rows = self.shape[0]
         height = max(1, STRIP_VALUES // (len(self) * self.shape[1]))
         for top in range(0, rows, height):
@@ -281,26 +286,26 @@ class Stack:
         self.release()
 
     def release(self) -> None:
-        """Let the system take back the memory of frames that lie on disk; they are read again where they are needed."""
+        """Let the system reclaim the memory of frames on disk, which are read again on demand."""
         release(self.frames)
 
     def require_one_filter(self) -> None:
-        """Raises InputError for a mosaic, whose pixels differ by their colour filters."""
+        """Raise InputError for a colour mosaic."""
         if self.tile:
             raise InputError(
-                f"{self.source}: pixels behind {len(self.tile) * len(self.tile[0])} colour filters differ by more than "
-                "their noise; pass each stack of Stack.of_filters() instead."
+                f"{self.source}: a mosaic of {len(self.tile)} × {len(self.tile[0])} colour filters; pass each stack "
+                "of Stack.of_filters() instead."
             )
 
     def window(self, rows: slice, columns: slice) -> Stack:
-        """Some rows and columns of every frame (a view); a mosaic must begin at a whole tile."""
+        """Return a view of some rows and columns of every frame; the window of a mosaic must begin at a whole tile."""
         photons = self.photons
         if isinstance(photons, np.ndarray):
             photons = photons[rows, columns]
         return replace(self, frames=self.frames[:, rows, columns], photons=photons)
 
     def centre(self, side: int) -> Stack:
-        """So many rows and columns about the centre of the frames, at most as many as there are."""
+        """Return the central rows and columns of the frames, at most this many."""
         rows, columns = (
             slice(begin, begin + min(size, side))
             for size in self.shape
@@ -309,10 +314,10 @@ class Stack:
         return self.window(rows, columns)
 
     def of_filters(self) -> dict[str, Stack]:
-        """The pixels behind each place of the tile apart, by the name of its colour filter, as EMVA 1288 asks.
+        """Return one stack for each position of the tile, by the name of its colour filter, as EMVA 1288 requires.
 
-        A filter that occurs at several places of the tile gives one stack each: ``G``, ``G (2)``. A monochrome stack
-        is the only one, under an empty name.
+        A filter at several positions gives one stack each: ``G``, ``G (2)``. A monochrome stack is returned under an
+        empty name.
         """
         if not self.tile:
             return {"": self}
@@ -329,9 +334,9 @@ class Stack:
 
 
 def merged(notes: Iterable[str]) -> list[str]:
-    """Notes without those that differ from an earlier one by numbers and by the stack before the colon alone.
+    """Return notes, one for each group that differs only by numbers and by the stack before the colon.
 
-    What is left is the first one's, and says how many more stacks it is of.
+    The first note of a group is kept and counts the other stacks.
     """
     groups: dict[str, list[str]] = {}
     for note in dict.fromkeys(notes):

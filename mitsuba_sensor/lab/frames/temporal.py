@@ -1,9 +1,9 @@
-"""Temporal mean and variance of a stack, without what all pixels of a frame share: light that drifts between frames."""
+"""Temporal mean and variance of a stack, corrected for light that drifts between frames."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -15,38 +15,40 @@ from ...core.types import Float64Array
 from ..statistics.mean_squares import MeanSquares, mean_squares_of
 from .stack import Changes, Stack
 
-FEWEST_PIXELS = 16
-GROUP_PIXELS, MOST_GROUPS, WIDTH = 64, 100, 3.0
-MOST_SORTED = 2**16
-"""Pixels whose means are sorted to find where groups of equally bright ones end."""
-CORRELATED = 256
-"""Rows and columns of the centre in which the noise of neighbours is compared."""
+PIXELS_MIN = 16
+GROUP_PIXELS, GROUPS_MAX = 64, 100
+GROUP_SIGMAS = 3.0
+"""Width of a group of equally bright pixels [standard errors of a pixel's mean]."""
+SORTED_MAX = 2**16
+"""Number of pixel means that are sorted to find the limits of the groups."""
+CORRELATION_SIDE = 256
+"""Central rows and columns in which the noise of neighbours is compared."""
 DRIFT_FALSE_ALARM = 1e-4
-"""Share of the stacks without drift in which drift is reported."""
+"""Fraction of stacks without drift for which drift is reported."""
 FLICKER_SIGMAS, FLICKER_ROWS = 3.72, 4
-"""A normal number is larger by chance in 1e-4 of the stacks; crosstalk and coupling do not reach so many rows."""
-FLICKER_DN_MIN = 1e-3  # below it are roundings of means, of a saturated stack for example
+"""A normal number exceeds this limit in 1e-4 of the stacks; crosstalk and coupling reach fewer rows."""
+FLICKER_DN_MIN = 1e-3  # smaller values are rounding errors of means, e.g. of a saturated stack
 
 
 class Maps(NamedTuple):
-    """Mean [DN] and unbiased variance [DN²] of each pixel over the frames, (H, W), to be filled by :func:`temporal`."""
+    """Temporal mean [DN] and unbiased variance [DN²] of each pixel, shape (H, W), filled by :func:`temporal`."""
 
     mean: Float64Array
     variance: Float64Array
 
     @classmethod
     def empty(cls, stack: Stack) -> Self:
-        """Maps of the size of a stack."""
+        """Return maps of the size of a stack."""
         return cls(np.empty(stack.shape), np.empty(stack.shape))
 
 
 @dataclass(frozen=True)
 class Temporal:
-    """Each pixel over the frames of a stack, and each frame over its pixels.
+    """Temporal statistics of a stack.
 
-    mean : of all values [DN].  of_means : variance over the pixels of their means [DN²].  frames : N.
-    squares : mean squares of what changes from frame to frame, without what the pixels of a frame share.
-    drift_dn : standard deviation of the frames' means beyond their noise [DN], 0 where none was found.
+    mean : mean of all values [DN].  of_means : variance of the pixel means over the pixels [DN²].  frames : N.
+    squares : temporal mean squares, without what the pixels of a frame share.
+    drift_dn : standard deviation of the frame means in excess of their noise [DN]; 0 if none was found.
     """
 
     mean: float
@@ -57,27 +59,27 @@ class Temporal:
 
     @property
     def pixels(self) -> int:
-        """Their number."""
+        """Number of pixels."""
         return self.squares.shape[0] * self.squares.shape[1]
 
     @property
     def variance(self) -> float:
-        """Mean over the pixels of their variance over the frames, unbiased [DN²]."""
+        """Unbiased temporal variance, averaged over the pixels [DN²]."""
         return sum(term.value for term in self.squares.terms())
 
     @property
     def variance_error(self) -> float:
-        """Standard error of the variance [DN²]: of the pixels, and of what whole rows and columns share."""
+        """Standard error of the variance [DN²] from pixel, row and column noise."""
         return math.sqrt(sum(2 * term.value**2 / term.freedom for term in self.squares.terms()))
 
     @property
     def spread_dn(self) -> float:
-        """Standard deviation of the pixels' means without what averaging leaves of temporal noise [DN]."""
+        """Standard deviation of the pixel means without the temporal noise that averaging leaves [DN]."""
         return math.sqrt(max(self.of_means - self.variance / self.frames, 0.0))
 
     @property
     def drift_note(self) -> str:
-        """By how much the frames drift, which was removed; nothing where they do not."""
+        """Size of the drift that was removed, or an empty text."""
         if not self.drift_dn:
             return ""
         drift = f"{self.drift_dn:.3g} DN"
@@ -87,13 +89,13 @@ class Temporal:
 
 
 def flicker_dn(stack: Stack) -> float:
-    """Standard deviation of what rows share with others 4 rows away from frame to frame [DN], 0 if chance explains it.
+    """Return the standard deviation of the fluctuation that rows 4 apart share [DN]; 0 if noise explains it.
 
-    So does light that flickers before a rolling shutter, with a period above 24 rows; row noise differs in each row.
+    Light that flickers in front of a rolling shutter, with a period above 24 rows, causes it; row noise does not.
     """
     frames, (count, _) = len(stack), stack.shape
     pairs = (frames - 1) * (count - FLICKER_ROWS)
-    if pairs < 32:  # too few for the normal law
+    if pairs < 32:  # too few for a normal distribution
         return 0.0
     rows = stack.row_means - stack.row_means.mean(axis=0)
     rows = rows - rows.mean(axis=1, keepdims=True)
@@ -107,46 +109,44 @@ def flicker_dn(stack: Stack) -> float:
 
 
 def neighbour_correlation(stack: Stack) -> float:
-    """Correlation of the temporal noise of horizontal neighbours, without what rows, columns and frames share."""
-    some = stack.centre(CORRELATED)
-    rest = some.frames[1].astype(np.float64) - some.frames[0]
+    """Return the correlation of the temporal noise of horizontal neighbours, without row, column and frame noise."""
+    centre = stack.centre(CORRELATION_SIDE)
+    rest = centre.frames[1].astype(np.float64) - centre.frames[0]
     rest -= rest.mean(axis=1, keepdims=True)
     rest -= rest.mean(axis=0, keepdims=True)
     return float((rest[:, 1:] * rest[:, :-1]).mean() / max(np.square(rest).mean(), 1e-300))
 
 
-def flicker_note(stack: Stack, removed: str) -> str:
-    """By how much rows fluctuate together, or nothing.  removed : what this means for the figures."""
-    shared_dn = flicker_dn(stack)
+def flicker_note(shared_dn: float, consequence: str) -> str:
+    """Return a note on rows that fluctuate together by this much [DN], or an empty text for 0."""
     if not shared_dn:
         return ""
     return (
-        f"neighbouring rows fluctuate together by {shared_dn:.3g} DN from frame to frame, as under light that flickers "
-        f"before a rolling shutter: {removed}; use light without flicker or a global shutter"
+        f"neighbouring rows fluctuate together by {shared_dn:.3g} DN, like flickering light in front of a rolling "
+        f"shutter: {consequence}; use light without flicker or a global shutter"
     )
 
 
 def temporal_within_rows(stack: Stack) -> Temporal:
-    """Statistics over the frames, without the mean of each row in each frame. Raises InputError as temporal does."""
+    """Return temporal statistics without the mean of each row of each frame. Raises InputError as temporal does."""
     _check_stack(stack)
     number = np.broadcast_to(np.arange(stack.shape[0])[:, None], stack.shape)
     common = stack.row_means - stack.row_means.mean(axis=0)
     groups = _Groups.of(number, common)
-    return _found(stack, stack.changes_without(groups.common_to), 0.0)
+    return _statistics(stack, stack.changes_without(groups.common_to), 0.0)
 
 
 def temporal(stack: Stack, maps: Maps | None = None) -> Temporal:
-    """Statistics over the frames; those of each pixel are written into maps where some are given.
+    """Return temporal statistics, and write the statistics of each pixel into ``maps``.
 
-    In each frame the mean of pixels that are equally bright is removed, so that light or a black level that drifts is
-    not taken as noise; EMVA 1288 R4 6.6 removes the mean of all pixels, which is the same for flat fields. Groups of 64
-    pixels or so are equally bright: one where the pixels' means differ by noise alone, more of them the more they
-    differ, at most 100.
+    The mean of equally bright pixels is removed from each frame, so drifting light or black level is not taken for
+    noise. EMVA 1288 R4 6.6 removes the mean of all pixels, which is the same for flat fields. There is one group if the
+    pixel means differ only by noise; otherwise up to 100 groups of at least 64 pixels.
 
     Raises InputError for a single frame, fewer than 16 pixels, and mosaics.
     """
     _check_stack(stack)
-    plain = _found(stack, stack.changes, 0.0)
+    plain = _statistics(stack, stack.changes, 0.0)
     between = float(stack.frame_means.var(ddof=1))
     expected, freedom = plain.squares.variance_of_mean(), len(stack) - 1
     drift_dn = 0.0
@@ -156,21 +156,24 @@ def temporal(stack: Stack, maps: Maps | None = None) -> Temporal:
     if drift_dn and count > 1:
         groups = _group_equally_bright(stack, count)
     elif maps is None:
-        return _found(stack, stack.changes, drift_dn)
+        return replace(plain, drift_dn=drift_dn)
     else:
         drift = stack.frame_means - stack.frame_means.mean()
         groups = _Groups.of(np.zeros(stack.shape, np.intp), drift[:, None])
-    return _found(stack, stack.changes_without(groups.common_to, maps), drift_dn)
+    return _statistics(stack, stack.changes_without(groups.common_to, maps), drift_dn)
 
 
-def _found(stack: Stack, changes: Changes, drift_dn: float) -> Temporal:
+def _statistics(stack: Stack, changes: Changes, drift_dn: float) -> Temporal:
     squares = mean_squares_of(changes, stack.shape)
     return Temporal(changes.mean, changes.of_means, len(stack), squares, drift_dn)
 
 
 class _Groups(NamedTuple):
-    """number : of the group of each pixel, (H, W).  common : mean deviation of its pixels from their means in each
-    frame, (N, groups) [DN].  grown : by how much that makes their variance too small, (groups,)."""
+    """Groups of equally bright pixels.
+
+    number : group of each pixel, shape (H, W).  common : mean deviation of a group in each frame, shape (N, groups)
+    [DN].  grown : factor that corrects the variances for its removal, shape (groups,).
+    """
 
     number: NDArray[np.intp]
     common: Float64Array
@@ -178,21 +181,21 @@ class _Groups(NamedTuple):
 
     @classmethod
     def of(cls, number: NDArray[np.intp], common: Float64Array) -> Self:
-        """Groups of two pixels or more."""
+        """Return the groups with their correction; a group has at least two pixels."""
         sizes = np.bincount(number.ravel(), minlength=common.shape[1])
         return cls(number, common, sizes / np.maximum(sizes - 1, 1))
 
     def common_to(self, rows: slice) -> tuple[Float64Array, Float64Array]:
-        """What the pixels of some rows have in common with their groups, and by how much that makes variances small."""
+        """Return the deviations to subtract from some rows and the correction of their variances."""
         number = self.number[rows]
         return self.common[:, number], self.grown[number]
 
 
 def _group_equally_bright(stack: Stack, count: int) -> _Groups:
-    """Groups of pixels whose means are about equal: about as many pixels are in each."""
+    """Return groups of pixels with about equal means, of about equal size."""
     mean = stack.frames.mean(axis=0, dtype=np.float64)
-    some = mean.ravel()[:: max(1, mean.size // MOST_SORTED)]
-    edges = np.unique(np.quantile(some, np.arange(1, count) / count))
+    sample = mean.ravel()[:: max(1, mean.size // SORTED_MAX)]
+    edges = np.unique(np.quantile(sample, np.arange(1, count) / count))
     number = np.searchsorted(edges, mean, side="right")
     sizes = np.maximum(np.bincount(number.ravel(), minlength=len(edges) + 1), 1)
     sums = [
@@ -203,22 +206,19 @@ def _group_equally_bright(stack: Stack, count: int) -> _Groups:
 
 
 def _count_groups(plain: Temporal) -> int:
-    """How many groups there are: each is wide beside the noise of a pixel's mean.
-
-    Otherwise noise would decide which group a row belongs to.
-    """
+    """Return the number of groups, each wider than the noise of a pixel's mean; else noise would assign the pixels."""
     noise = math.sqrt(plain.variance / plain.frames) or 1e-300
-    wide = math.sqrt(plain.of_means) / (WIDTH * noise)
-    return int(max(1, min(wide, plain.pixels // GROUP_PIXELS, MOST_GROUPS)))
+    wide = math.sqrt(plain.of_means) / (GROUP_SIGMAS * noise)
+    return int(max(1, min(wide, plain.pixels // GROUP_PIXELS, GROUPS_MAX)))
 
 
 def _check_stack(stack: Stack) -> None:
     if len(stack) < 2:
         raise InputError(
-            f"{stack.source}: one frame has no temporal variance; pass 2 or more frames of each level."
+            f"{stack.source}: one frame shows no temporal variance; pass at least 2 frames of each level."
         )
-    if stack.shape[0] * stack.shape[1] < FEWEST_PIXELS:
+    if stack.shape[0] * stack.shape[1] < PIXELS_MIN:
         raise InputError(
-            f"{stack.source}: frames of {stack.shape} have fewer than {FEWEST_PIXELS} pixels; pass more."
+            f"{stack.source}: frames have {stack.shape[0]} × {stack.shape[1]} pixels; pass at least {PIXELS_MIN}."
         )
     stack.require_one_filter()

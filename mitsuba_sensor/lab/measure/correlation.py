@@ -1,4 +1,4 @@
-"""Correlation of temporal noise: from frame to frame in the same pixel, and between neighbours in the same frame."""
+"""Correlation of temporal noise between frames of the same pixel, and between neighbours in the same frame."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SECTION = "autocorrelation of temporal noise"
 
 @dataclass(frozen=True, eq=False)
 class Correlation(Figures):
-    """Of the deviations from each pixel's mean over the frames; 0 for noise that is new in every pixel and frame.
+    """Correlation coefficients of the deviations from the temporal mean; 0 for independent noise.
 
     temporal : by lag in frames, from 1 on.  horizontal, vertical : of neighbouring pixels.
     """
@@ -33,8 +33,8 @@ class Correlation(Figures):
     vertical: Quantity
 
     def plot(self, ax: Axes) -> None:
-        """Temporal correlation against the lag, with the 95 % intervals."""
-        ends = np.array([(one.value, one.low, one.high) for one in self.temporal])
+        """Plot temporal correlation versus lag, with 95 % intervals."""
+        ends = np.array([(x.value, x.low, x.high) for x in self.temporal])
         values, bars = ends[:, 0], np.abs(ends[:, 1:] - ends[:, :1]).T
         lags = range(1, len(values) + 1)
         ax.errorbar(lags, values, yerr=bars, fmt="o", ms=4, capsize=2, label="temporal")
@@ -43,13 +43,13 @@ class Correlation(Figures):
 
 
 def correlation(stack: Stack, lags: int = 8) -> Correlation:
-    """Correlation in 3 frames or more, without what whole frames share.
+    """Measure correlation in at least 3 frames, without fluctuations of whole frames.
 
-    lags : at most a third of the frames are measured.
+    lags : largest lag, at most a third of the frames.
 
-    The mean over N frames takes σ²/N off every product, which is given back; noise that is correlated over the length
-    of the stack looks constant, so that its correlation is underestimated. Temporal correlations have their intervals
-    from the scatter over rows, those of neighbours from the scatter over frames.
+    The bias −σ²/N of the mean over N frames is corrected. Noise that is correlated over the whole stack looks constant,
+    so its correlation is underestimated. Intervals come from the scatter over rows for temporal correlations, and over
+    frames for neighbours.
     Raises InputError for a mosaic, and for fewer than one lag.
     """
     stack.require_one_filter()
@@ -68,7 +68,7 @@ def correlation(stack: Stack, lags: int = 8) -> Correlation:
         figure = no_value(f"ρ_{end}", name, "", SECTION)
         mean = float(values.mean())
         if math.isnan(mean):
-            figure = figure.noted("nothing to compare with")
+            figure = figure.noted("there is nothing to compare with")
         elif len(values) == 1:
             figure = figure.with_interval((mean, -1.0, 1.0)).noted("one row gives no interval")
         else:
@@ -88,9 +88,9 @@ def correlation(stack: Stack, lags: int = 8) -> Correlation:
 
 
 def _mean_products(stack: Stack, lags: int) -> tuple[Float64Array, Float64Array]:
-    """Mean products over the temporal variance: (lags, H) of each row over lags, (2, N) of neighbours in each frame.
+    """Return mean products over the temporal variance: rows by lag (lags, H), neighbours by frame (2, N).
 
-    NaN where the frames are all alike.
+    They are NaN if all frames are equal.
     """
     frames = len(stack)
     drift = (stack.frame_means - stack.frame_means.mean())[:, None, None]

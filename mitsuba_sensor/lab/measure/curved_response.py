@@ -1,8 +1,7 @@
-"""A curved response y = s(1 + κs + …), the linear signal s that it came from, and the levels that it would have given.
+"""A curved response y = s(1 + κs + …), its linear signal s, and the levels that a linear response would have given.
 
-EMVA 1288 R4 Linear takes every response for a line; where the levels show that it is none, photon transfer is that of
-the linear signal, whose variance is the measured one over the square of the slope dy/ds, as noise is referred to the
-input of a camera.
+EMVA 1288 R4 Linear assumes a linear response. If the levels show a curve, photon transfer uses the linear signal. Its
+variance is the measured variance over the square of the slope dy/ds, which refers noise to the input of the camera.
 """
 
 from __future__ import annotations
@@ -24,28 +23,28 @@ from .photon_transfer import PhotonTransfer, photon_transfer
 from .radiometric import find_stray
 from .saturation import Peak
 
-USED = 0.02, 0.9
-"""Part of the saturation signal from which the curvature is fitted."""
-ENOUGH = 5
-"""Levels from which on those below the largest variance are taken; of fewer, those below the largest mean: a response
-that falls off has its largest variance far below saturation."""
-FEWEST = 2
-"""Levels that tell a curve from a line, where noise is all that they are off by; of three the scatter is known too."""
-MOST_TERMS = 3
-"""Of κs + κ₂s² + κ₃s³: more than the first where the levels are not on a parabola."""
-CURVED = 3.3
-"""Standard errors from which on a response is taken as curved: 0.1 % of the straight ones."""
+FITTED = 0.02, 0.9
+"""Fractions of the saturation signal between which the curvature is fitted."""
+PEAK_LEVELS_MIN = 5
+"""Number of levels from which those below the largest variance suffice. With fewer, levels below the largest mean are
+used: a response that saturates softly has its largest variance far below saturation."""
+CURVE_LEVELS_MIN = 2
+"""Number of levels that distinguish a curve from a line if only noise moves them; three also show scatter."""
+TERMS_MAX = 3
+"""Largest number of terms of κs + κ₂s² + κ₃s³; more than one if the levels are not on a parabola."""
+CURVED_SIGMAS = 3.3
+"""Curvature from which on a response is curved [standard errors]: 0.1 % of the straight responses."""
 FALSE_ALARM = 1e-3
-"""The same by the scatter of the levels, which light that is not what is stated makes larger."""
-MOST_HIDDEN = 0.02
-"""Part of the largest signal by which a response may be curved without a note that the levels do not show it."""
-SHARES = 0.0, 0.25, 0.5, 0.75, 1.0
-"""Of the dark noise, that may arise before the response is curved."""
-GRID, LEAST_SLOPE = 4097, 0.1
+"""The same probability for the scatter of the levels, which includes light that is not as stated."""
+HIDDEN_MAX = 0.02
+"""Largest hidden curvature without a note, relative to the largest signal."""
+EARLY_NOISE = 0.0, 0.25, 0.5, 0.75, 1.0
+"""Tried fractions of the dark noise variance that arise before the curve."""
+GRID, SLOPE_MIN = 4097, 0.1
 """Points of a response that is inverted, and the slope at which it ends."""
-OF_SMALL_SIGNALS = (
-    "of small signals: the response is curved, and variances are divided by the square of its slope; EMVA 1288 Linear "
-    "takes the curve as a line"
+SMALL_SIGNALS_NOTE = (
+    "for small signals: the response is curved, and variances are divided by the square of its slope; EMVA 1288 Linear "
+    "assumes a line"
 )
 
 
@@ -53,10 +52,10 @@ OF_SMALL_SIGNALS = (
 class Curve:
     """A response y = s(1 + κs + κ₂s² + …).
 
-    kappa, low, high : of the parabola y = s(1 + κs) that is nearest, with its interval [1/DN]; 0 where the response is
-    a line, or the light of the levels is not known.  terms : κ, κ₂, … [1/DN, 1/DN², …], of that parabola or of what
-    is nearer.  levels : how many distinct ones it is from.  hidden : part of the largest signal by which it may be
-    curved without being taken so.  possible : a curve that noise does not explain, but light that scatters may.
+    kappa, low, high : κ of the nearest parabola y = s(1 + κs), with its interval [1/DN]; 0 for a linear response and if
+    the light is unknown.  terms : κ, κ₂, … [1/DN, 1/DN², …].  levels : number of distinct levels.
+    hidden : curvature relative to the largest signal that the levels do not exclude.  possible : a curve that is
+    significant compared with noise, but not compared with scattering light.
     """
 
     kappa: float = 0.0
@@ -69,55 +68,49 @@ class Curve:
 
     @property
     def note(self) -> str:
-        """Of a figure that takes this response as a line, or as a curve."""
+        """Note for a figure that assumes this response."""
         if self.kappa:
-            return OF_SMALL_SIGNALS
-        if self.levels < FEWEST:
+            return SMALL_SIGNALS_NOTE
+        if self.levels < CURVE_LEVELS_MIN:
             return (
-                f"levels of known light below 90 % of the largest mean: {self.levels}, which cannot tell whether the "
-                "response is curved; take 3 or more"
+                f"{self.levels} levels of known light below 90 % of the largest mean do not show whether the response "
+                "is curved; take 3 or more"
             )
         percent = 100 * min(self.hidden, 1e6)
         if self.possible:
             return (
-                f"{self.levels} levels do not tell a curve of {percent:.2g} % from light that is not what is stated; "
-                "the interval holds both"
+                f"{self.levels} levels do not distinguish a curve of {percent:.2g} % from light that is not as stated; "
+                "the interval includes both"
             )
-        if self.hidden > MOST_HIDDEN:
-            return (
-                f"{self.levels} levels do not tell a curve of up to {percent:.2g} % from a line"
-            )
+        if self.hidden > HIDDEN_MAX:
+            return f"{self.levels} levels do not distinguish a curve of up to {percent:.2g} % from a line"
         return ""
 
     def __bool__(self) -> bool:
         return bool(self.kappa)
 
     def straight(self, signal: Float64Array) -> Float64Array:
-        """s of y [DN]; signals beyond the end of the curve are taken to be at it."""
+        """Return s for y [DN]; signals above the end of the curve are set to its end."""
         grid = np.linspace(0.0, 2 * float(np.abs(signal).max()), GRID)
-        grid = grid[: np.argmax(np.append(self.slope(grid), 0.0) < LEAST_SLOPE)]
+        grid = grid[: np.argmax(np.append(self.slope(grid), 0.0) < SLOPE_MIN)]
         curved = np.interp(signal, grid * polyval(grid, (1.0, *self.terms)), grid)
         return np.where(signal > 0, curved, signal)
 
     def slope(self, linear: Float64Array) -> Float64Array:
-        """dy/ds at s [DN]."""
+        """Return dy/ds at s [DN]."""
         return np.asarray(polyval(linear, polyder((0.0, 1.0, *self.terms))))
 
     def relative_slope(self, signal: float) -> float:
-        """(dy/y)/(ds/s) at a signal y [DN]: by how much more than in proportion y grows with the light."""
+        """Return (dy/y)/(ds/s) at a signal y [DN]."""
         linear = self.straight(np.array(signal))
         return float(self.slope(linear) * linear) / signal
 
-    def straighten(self, measured: Series, scaled: float = 0.0) -> Series:
-        """The levels that a linear response would have given: variances over the square of the slope.
-
-        scaled : share of the dark noise's variance that arises before the response is curved, and is scaled by its
-        slope.
-        """
+    def straighten(self, measured: Series, early: float = 0.0) -> Series:
+        """Return the levels of a linear response.  early : fraction of the dark noise variance before the curve."""
         signal = self.straight(measured.signal)
         squares = self.slope(signal) ** 2
         dark_mean, dark_dn2 = measured.of_darks("mean"), measured.of_darks("variance")
-        light_dn2 = measured.of_flats("variance") - (1 - scaled + scaled * squares) * dark_dn2
+        light_dn2 = measured.of_flats("variance") - (1 - early + early * squares) * dark_dn2
         variance = np.maximum(dark_dn2 + light_dn2 / squares, 0.0)
         columns = dark_mean + signal, variance, measured.of_flats("variance_error") / squares
         flats = [
@@ -130,30 +123,31 @@ class Curve:
 
 
 def curvature(measured: Series, end: Peak) -> Curve:
-    """The curve of the levels; a line where they show none, or where their light is not known."""
+    """Fit the curve of the levels; a line if they show no curve or their light is unknown."""
     used = _select_levels(measured, end)
     x, y = measured.light[used], measured.signal[used]
     levels = len(set(x.tolist()))
-    if levels < FEWEST:
+    if levels < CURVE_LEVELS_MIN:
         return Curve(levels=levels)
     errors, dark_shift = _errors(measured, used)
     x, largest = x / x.max(), float(y.max())
     (a, b), inverse, chi2, influence = _polynomial(x, y, errors, 2)
     bend, freedom = float(b / a**2), len(x) - 2
     slopes = np.array([-2 * bend / a, 1 / a**2])
-    own = math.sqrt(float(slopes @ inverse @ slopes))
-    of_dark = float(slopes @ influence @ dark_shift)
+    by_levels = math.sqrt(float(slopes @ inverse @ slopes))
+    by_dark = float(slopes @ influence @ dark_shift)
     scatter = chi2 / freedom if freedom else 1.0
-    by_noise, wider = math.hypot(own, of_dark), math.hypot(own * math.sqrt(scatter), of_dark)
-    hidden = CURVED * by_noise * largest
+    by_noise = math.hypot(by_levels, by_dark)
+    by_scatter = math.hypot(by_levels * math.sqrt(scatter), by_dark)
+    hidden = CURVED_SIGMAS * by_noise * largest
     if abs(bend) * largest < hidden:
         return Curve(levels=levels, hidden=hidden)
     interval = normal_interval(bend, by_noise)
     if scatter > 1:
-        interval = student_interval(bend, wider, freedom)
+        interval = student_interval(bend, by_scatter, freedom)
     curve = Curve(*interval, _higher_terms(x, y, errors) or (bend,), levels)
     limit = float(scipy.special.stdtrit(freedom, 1 - FALSE_ALARM / 2)) if freedom else math.inf
-    if abs(bend) < limit * wider:
+    if abs(bend) < limit * by_scatter:
         return Curve(levels=levels, hidden=abs(bend) * largest, possible=curve)
     return curve
 
@@ -161,7 +155,7 @@ def curvature(measured: Series, end: Peak) -> Curve:
 def _polynomial(
     x: Float64Array, y: Float64Array, errors: Float64Array, terms: int
 ) -> tuple[Float64Array, Float64Array, float, Float64Array]:
-    """Factors of x, x², … by weighted least squares, their covariance, χ², and what each y changes in the factors."""
+    """Return factors of x, x², … by weighted least squares, their covariance, χ², and the influence of each y."""
     powers = x[:, None] ** np.arange(1, terms + 1) / errors[:, None]
     inverse = np.linalg.pinv(powers.T @ powers)
     influence = inverse @ powers.T / errors
@@ -171,60 +165,61 @@ def _polynomial(
 
 
 def _select_levels(measured: Series, end: Peak) -> NDArray[np.bool_]:
-    """The levels that the curvature is from."""
+    """Return a mask of the levels that the curvature is fitted to."""
     x, y = measured.light, measured.signal
     stray, _ = find_stray(measured, end)
     lit = measured.inside & (x > 0) & ~stray
-    used = lit & (y > USED[0] * end.mean[0]) & (y < USED[1] * end.mean[0])
+
+    def below(top: float) -> NDArray[np.bool_]:
+        return np.asarray(lit & (y > FITTED[0] * top) & (y < FITTED[1] * top))
+
+    used = below(end.mean[0])
     largest = float(np.max(y, where=lit, initial=0.0))
-    if len(set(x[used].tolist())) < ENOUGH and largest > end.mean[0]:
-        used = lit & (y > USED[0] * largest) & (y < USED[1] * largest)
-    return np.asarray(used)
+    if len(set(x[used].tolist())) < PEAK_LEVELS_MIN and largest > end.mean[0]:
+        used = below(largest)
+    return used
 
 
 def _higher_terms(x: Float64Array, y: Float64Array, errors: Float64Array) -> tuple[float, ...]:
-    """κ, κ₂, … of as many terms as the levels show, nothing where the first is enough.
-
-    A term is taken where it is 3.3 of its standard errors, with the scatter about the curve that has it.
-    """
-    found: tuple[float, ...] = ()
-    for count in range(3, MOST_TERMS + 2):
+    """Return κ, κ₂, … up to the last significant term (3.3 standard errors), or nothing if one term suffices."""
+    terms: tuple[float, ...] = ()
+    for count in range(3, TERMS_MAX + 2):
         freedom = len(x) - count
         if freedom < 3:
             break
         factors, inverse, chi2, _ = _polynomial(x, y, errors, count)
         scatter = max(1.0, chi2 / freedom)
-        limit = CURVED * float(scipy.special.stdtrit(freedom, 0.975)) / TWO_SIDED
+        limit = CURVED_SIGMAS * float(scipy.special.stdtrit(freedom, 0.975)) / TWO_SIDED
         if abs(factors[-1]) > limit * math.sqrt(float(inverse[-1, -1]) * scatter):
-            found = tuple(float(a / factors[0] ** (k + 2)) for k, a in enumerate(factors[1:]))
-    return found
+            terms = tuple(float(a / factors[0] ** (k + 2)) for k, a in enumerate(factors[1:]))
+    return terms
 
 
 def _errors(measured: Series, used: NDArray[np.bool_]) -> tuple[Float64Array, Float64Array]:
-    """Standard errors of the signals [DN], and the part of them that rounding of the dark frames gives to all alike.
+    """Return standard errors of the signals [DN], and their common part from rounding of the dark frames.
 
-    Few frames of a level tell little of how the light drifts: it does by one share of the signal at all levels.
+    Few frames of a level show little of the drift of the light, so its relative size is averaged over the levels.
     """
     signal = measured.signal[used]
-    own = [measured.of_flats("mean_error")[used], measured.of_darks("mean_error")[used]]
-    drift_dn2 = measured.of_flats("light_error")[used] ** 2 - own[0] ** 2
+    noise = [measured.of_flats("mean_error")[used], measured.of_darks("mean_error")[used]]
+    drift_dn2 = measured.of_flats("light_error")[used] ** 2 - noise[0] ** 2
     drift = math.sqrt(max(float((drift_dn2 / signal**2).mean()), 0.0))
     dark_shift = _shift_by_rounding(measured, measured.of_darks)[used]
     flat_shift = _shift_by_rounding(measured, measured.of_flats)[used]
-    squares = [x**2 for x in (*own, drift * signal, dark_shift, flat_shift)]
+    squares = [x**2 for x in (*noise, drift * signal, dark_shift, flat_shift)]
     return np.maximum(np.sqrt(sum(squares)), 1e-9 * signal), dark_shift
 
 
 def _shift_by_rounding(measured: Series, of: Callable[[str], Float64Array]) -> Float64Array:
-    """Standard deviation of what rounding to whole codes may add to means of levels [DN]."""
+    """Return the standard deviation of the shifts that rounding gives to the means of levels [DN]."""
     total_dn2 = of("variance") + of("spread") ** 2
     return np.array([rounding_shift_dn(float(x)) if measured.whole else 0.0 for x in total_dn2])
 
 
 def small_signals(measured: Series, curve: Curve) -> tuple[Series, PhotonTransfer]:
-    """Levels as a linear response would have given them, and photon transfer of small signals along them.
+    """Return the levels of a linear response and photon transfer of small signals.
 
-    K is that of a line and of a curve where both are possible.
+    If a line and a curve are possible, the interval of K includes both.
     """
     if curve:
         levels, transfer = _along(measured, curve)
@@ -237,11 +232,11 @@ def small_signals(measured: Series, curve: Curve) -> tuple[Series, PhotonTransfe
 
 
 def _along(measured: Series, curve: Curve) -> tuple[Series, PhotonTransfer]:
-    """Photon transfer along a curve, with the share of the dark noise before it that fits the levels best.
+    """Return photon transfer along a curve, with the best fraction of dark noise before the curve.
 
-    The interval holds K with the shares that noise does not tell from that.
+    The interval includes K for all fractions that noise does not distinguish from the best one.
     """
-    levels = [curve.straighten(measured, scaled) for scaled in SHARES]
+    levels = [curve.straighten(measured, early) for early in EARLY_NOISE]
     transfers = list(map(photon_transfer, levels))
     misfits = list(map(_misfit, transfers))
     best = int(np.argmin(misfits))
@@ -253,7 +248,7 @@ def _along(measured: Series, curve: Curve) -> tuple[Series, PhotonTransfer]:
 
 
 def _misfit(transfer: PhotonTransfer) -> float:
-    """Sum of squares of what the fitted levels are off the line, over their standard errors."""
+    """Return χ² of the fitted levels about the line."""
     used = transfer.fitted
     off = transfer.variance[used] - transfer.gain.value * transfer.signal[used]
     return float(np.square(off / np.maximum(transfer.errors[used], 1e-300)).sum())

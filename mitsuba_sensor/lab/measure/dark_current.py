@@ -1,4 +1,4 @@
-"""Dark current from mean and variance of dark frames over the exposure time; what doubles it with the temperature."""
+"""Dark current from mean and variance of dark frames over exposure time, and its change with temperature."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ...core import InputError
 from ...core.types import Float64Array
 from ..frames.clipping import ClippedError
 from ..frames.stack import Stack, rounding_shift_dn
-from ..quantity import TWO_SIDED, Figures, Quantity, no_value, upper_bound
+from ..quantity import TWO_SIDED, Figures, Quantity, no_value
 from ..statistics.line_fits import StraightLine, straight_line
 from ..statistics.mean_squares import temporal_mean_squares
 
@@ -22,22 +22,20 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SECTION = "EMVA 1288 R4 7.1"
-DRIFT = 0.01
-"""Probability that frames without drift are taken to have one."""
+DRIFT_FALSE_ALARM = 0.01
+"""Probability that drift is assumed for frames without drift."""
 TEMPERATURE_SECTION = "EMVA 1288 R4 7.2"
-NOT_RISING = "the dark current does not rise with the temperature by more than chance"
+NOT_RISING = "the dark current does not rise significantly with temperature"
 BOLTZMANN_EV_PER_K = 8.617333262e-5
 """CODATA 2018."""
 
 
 @dataclass(frozen=True, eq=False)
 class DarkCurrentOverTime(Figures):
-    """Dark signal against exposure time.
+    """Dark signal versus exposure time.
 
-    from_mean : slope of the mean [DN/s].
-    from_variance : slope of the temporal variance [DN²/s].
-    line : through the means [DN, s].
-    exposure_s, mean, mean_error : the points, with standard errors [s, DN].
+    from_mean : slope of the mean [DN/s].  from_variance : slope of the temporal variance [DN²/s].
+    line : line through the means [DN, s].  exposure_s, mean, mean_error : points with standard errors [s, DN].
     """
 
     from_mean: Quantity
@@ -48,7 +46,7 @@ class DarkCurrentOverTime(Figures):
     mean_error: Float64Array
 
     def plot(self, ax: Axes) -> None:
-        """Mean dark signal against exposure time, with the straight line."""
+        """Plot mean dark signal versus exposure time, with the straight line."""
         points = self.exposure_s, self.mean, self.mean_error
         ax.errorbar(*points, fmt="o", ms=4, capsize=2, label="measured")
         ends = np.array([0.0, self.exposure_s.max()])
@@ -57,12 +55,12 @@ class DarkCurrentOverTime(Figures):
 
 
 def dark_current(stacks: Sequence[Stack]) -> DarkCurrentOverTime:
-    """µ_I of dark stacks of 2 exposure times or more, at one temperature and gain.
+    """Measure µ_I in dark stacks of at least 2 exposure times, at one temperature and gain.
 
-    The errors are those of temporal noise; the fixed pattern is the same in all stacks and widens no interval. Stacks
-    of one frame have a mean and no variance. Stacks with clipped values are left out, with a note.
+    The errors come from temporal noise, because all stacks have the same fixed pattern. Stacks of one frame have no
+    variance. Clipped stacks are left out with a note.
 
-    Raises InputError for mosaics, stacks of different sizes, temperatures or gains, and fewer than 2 exposure times.
+    Raises InputError for mosaics, stacks of different size, temperature or gain, and fewer than 2 exposure times.
     """
     used, note = _without_clipped(stacks)
     times_s = np.array([stack.exposure_s for stack in used])
@@ -72,36 +70,32 @@ def dark_current(stacks: Sequence[Stack]) -> DarkCurrentOverTime:
     from_mean = Quantity(
         "µ_I.mean", "dark current from the mean", *line.interval, "DN/s", SECTION, line.note
     )
-    from_variance = _current_from_variance(used)
-    return DarkCurrentOverTime(
-        _note_no_current(from_mean).noted(note),
-        _note_no_current(from_variance).noted(note),
-        line,
-        times_s,
-        mean,
-        mean_error,
+    currents = (
+        _note_no_current(current).noted(note)
+        for current in (from_mean, _current_from_variance(used))
     )
+    return DarkCurrentOverTime(*currents, line, times_s, mean, mean_error)
 
 
 def _note_no_current(current: Quantity) -> Quantity:
-    """The dark current with a note where it is not above 0: no camera has a negative one."""
+    """Return the dark current with a note if it is not above 0."""
     if current.high < 0:
         return current.noted(
-            "negative: the black level falls with the exposure time (it drifts, or follows masked pixels), "
+            "negative: the black level falls with exposure time (drift, or masked reference pixels), "
             "which hides the dark current"
         )
-    return current.noted("not told from 0" if current.low <= 0 else "")
+    return current.noted("may be 0" if current.low <= 0 else "")
 
 
 def _current_from_variance(stacks: Sequence[Stack]) -> Quantity:
-    """Slope of the temporal variance over the exposure time, of the stacks of 2 frames or more [DN²/s]."""
+    """Return the slope of the temporal variance over exposure time, from stacks of at least 2 frames [DN²/s]."""
     like = no_value("µ_I.var", "dark current from the variance", "DN²/s", SECTION)
-    shown = [stack for stack in stacks if len(stack) > 1 and not stack.coarse]
-    if len({stack.exposure_s for stack in shown}) < 2:
+    used = [stack for stack in stacks if len(stack) > 1 and not stack.coarse]
+    if len({stack.exposure_s for stack in used}) < 2:
         coarse = next(filter(None, (stack.coarse for stack in stacks)), "")
         return like.noted(coarse or "fewer than 2 exposure times have 2 frames")
     points: list[tuple[float, float, float]] = []
-    for stack in shown:
+    for stack in used:
         terms = temporal_mean_squares(stack).terms()
         error = math.sqrt(sum(2 * term.value**2 / term.freedom for term in terms))
         hidden = 2 * stack.clipping.share * stack.changes.variance
@@ -112,9 +106,9 @@ def _current_from_variance(stacks: Sequence[Stack]) -> Quantity:
 
 
 def _without_clipped(stacks: Sequence[Stack]) -> tuple[list[Stack], str]:
-    """The stacks without clipped values, and a note about the others.
+    """Return the unclipped stacks, and a note on the others.
 
-    Raises InputError where the stacks differ, and where fewer than 2 exposure times are left.
+    Raises InputError if the stacks differ, or if fewer than 2 exposure times remain.
     """
     for stack in stacks:
         stack.require_one_filter()
@@ -124,7 +118,7 @@ def _without_clipped(stacks: Sequence[Stack]) -> tuple[list[Stack], str]:
             f"{h} × {w} pixels, {t} K, gain {g!r}" for (h, w), t, g in sorted(settings, key=str)
         )
         raise InputError(
-            f"the dark stacks differ: {differences}. Pass those of one temperature and gain."
+            f"the dark stacks differ ({differences}); pass those of one size, temperature and gain."
         )
     used = [stack for stack in stacks if not stack.clipping.note]
     clipped = [stack for stack in stacks if stack.clipping.note]
@@ -133,16 +127,18 @@ def _without_clipped(stacks: Sequence[Stack]) -> tuple[list[Stack], str]:
         notes = [f" {stack.exposure_s:g} s: {stack.clipping.note}." for stack in clipped]
         any_clipped = any(stack.clipping.clipped for stack in stacks)
         raise (ClippedError if any_clipped else InputError)(
-            "dark current needs 2 exposure times without clipped values; "
-            f"there are {len(times)}.{''.join(notes)}"
+            f"dark current needs 2 unclipped exposure times; there are {len(times)}.{''.join(notes)}"
         )
     left_out = [f"{stack.exposure_s:g} s left out ({stack.clipping.note})" for stack in clipped]
     return used, "; ".join(left_out)
 
 
 def errors_of_means(stacks: Sequence[Stack]) -> tuple[Float64Array, float]:
-    """Standard error of every stack's mean, and its degrees of freedom: of pixels and lines, of what rounding adds, and
-    of drift if there is more scatter between frames than these give. NaN where a stack has one frame."""
+    """Return the standard error of each stack's mean and its degrees of freedom.
+
+    The errors include pixel and line noise, rounding and, if frames scatter more than these explain, drift. They are
+    NaN if a stack has one frame.
+    """
     if min(map(len, stacks)) < 2:
         return np.full(len(stacks), np.nan), 1.0
     expected = np.array([temporal_mean_squares(stack).variance_of_mean() for stack in stacks])
@@ -156,7 +152,7 @@ def errors_of_means(stacks: Sequence[Stack]) -> tuple[Float64Array, float]:
     freedom = float((frames - 1).sum())
     if (expected > 0).all():
         chi2 = float(((frames - 1) * scatter / expected).sum())
-        if scipy.special.chdtrc(freedom, chi2) > DRIFT:
+        if scipy.special.chdtrc(freedom, chi2) > DRIFT_FALSE_ALARM:
             return np.sqrt(expected / frames + hidden), math.inf
     drift = max(0.0, float((frames - 1) @ (scatter - expected)) / freedom)
     return np.sqrt((expected + drift) / frames + hidden), freedom
@@ -164,11 +160,11 @@ def errors_of_means(stacks: Sequence[Stack]) -> tuple[Float64Array, float]:
 
 @dataclass(frozen=True, eq=False)
 class DarkTemperature(Figures):
-    """Laws of dark current over temperature, each fitted to its logarithm.
+    """Dark current versus temperature, with models fitted to its logarithm.
 
-    doubling : T_d of D ∝ 2^(T/T_d) [K].  activation : E_a of D ∝ exp(−E_a/kT) [eV]; half the band gap where traps in
-        the depletion region generate it, the whole band gap where it diffuses.
-    temperature_k, current : the points, in the unit of the currents.
+    doubling : T_d of D ∝ 2^(T/T_d) [K].  activation : E_a of D ∝ exp(−E_a/kT) [eV]; half the band gap for generation by
+    traps in the depletion region, the whole band gap for diffusion.
+    temperature_k, current : points, in ``unit``.
     """
 
     doubling: Quantity
@@ -178,7 +174,7 @@ class DarkTemperature(Figures):
     unit: str
 
     def plot(self, ax: Axes) -> None:
-        """Arrhenius plot: logarithm of dark current against 1/kT."""
+        """Plot the logarithm of dark current versus 1/kT (Arrhenius plot)."""
         x = 1 / (BOLTZMANN_EV_PER_K * self.temperature_k)
         ax.plot(x, self.current, "o", ms=4, label="measured")
         middle = float(np.log(self.current).mean() + self.activation.value * x.mean())
@@ -188,34 +184,34 @@ class DarkTemperature(Figures):
 
 
 def dark_temperature(currents: Mapping[float, Quantity]) -> DarkTemperature:
-    """Laws of 2 or more dark currents by their temperature [K], all in the same unit.
+    """Fit doubling temperature and activation energy to at least 2 dark currents by temperature [K], in one unit.
 
-    Currents whose interval contains 0 are left out, with a note. Raises InputError for fewer than 2 others, for
-    temperatures that are not positive, and for different units.
+    Currents whose interval includes 0 are left out with a note. Raises InputError if fewer than 2 remain, and for
+    temperatures that are not positive or different units.
     """
     units = sorted({current.unit for current in currents.values()})
     if len(units) > 1 or not all(t > 0 for t in currents):
         raise InputError(
-            f"temperatures {sorted(currents)} K, units {units}; temperatures are above 0, all units equal."
+            f"currents has temperatures {sorted(currents)} K and units {units}; pass temperatures above 0 and one unit."
         )
     used = {t: current for t, current in sorted(currents.items()) if current.low > 0}
-    left_out = [f"{t:g} K left out: not told from 0" for t in sorted({*currents} - {*used})]
+    left_out = [f"{t:g} K left out: may be 0" for t in sorted({*currents} - {*used})]
     if len(used) < 2:
         raise InputError(
-            f"it needs a dark current above 0 at 2 temperatures or more; the frames have it at {len(used)} of "
-            f"{len(currents)}."
+            f"the dark current is above 0 at {len(used)} of {len(currents)} temperatures; take frames at 2 or more."
         )
     temperature_k = np.array(list(used))
-    value, low, high = np.array([(one.value, one.low, one.high) for one in used.values()]).T
+    value, low, high = np.array([(x.value, x.low, x.high) for x in used.values()]).T
     error = np.log(high / low) / (2 * TWO_SIDED)
     note = "; ".join(left_out)
     doubling = no_value("T_d", "doubling temperature", "K", TEMPERATURE_SECTION)
     octaves = straight_line(temperature_k, np.log2(value), error / math.log(2))
     slope, least, most = octaves.interval
+    doubling = doubling.noted(octaves.note)
     if least > 0:
-        doubling = doubling.with_interval((1 / slope, 1 / most, 1 / least)).noted(octaves.note)
+        doubling = doubling.with_interval((1 / slope, 1 / most, 1 / least))
     else:
-        doubling = upper_bound(doubling, math.inf, octaves.note).noted(NOT_RISING)
+        doubling = doubling.noted(NOT_RISING)
     energy = straight_line(-1 / (BOLTZMANN_EV_PER_K * temperature_k), np.log(value), error)
     activation = Quantity(
         "E_a", "activation energy", *energy.interval, "eV", "Arrhenius law", energy.note

@@ -1,4 +1,4 @@
-"""Defect pixels: hot ones in the dark and dead ones in light, against their neighbourhood."""
+"""Defect pixels: hot pixels in the dark and dead pixels in light, compared with their neighbourhood."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...core import InputError
 from ...core.types import Float64Array
-from ..frames.clipping import LARGEST_SHARE
+from ..frames.clipping import CLIPPED_MAX
 from ..frames.stack import Stack
 from ..quantity import Figures, Quantity, no_value, share_interval
 from ..statistics.estimators import z_limit
@@ -21,24 +21,22 @@ if TYPE_CHECKING:
 
 SECTION = "EMVA 1288 R4 8.8"
 WINDOW = 5
-"""Rows and columns of the neighbourhood whose median a pixel is compared with."""
+"""Rows and columns of the neighbourhood whose median is compared with a pixel."""
 MAD_TO_SIGMA = 1.482602218505602
 """σ of a normal distribution over its median absolute deviation, 1/Φ⁻¹(3/4)."""
 ROUNDING_DN = 12**-0.5
-"""Standard deviation of rounding to whole numbers: the least σ of integer frames."""
-DEAD_SHARE = 0.5
-"""Share of its neighbours' signal below which a pixel is dead: an assumption, EMVA 1288 leaves thresholds to the user.
-"""
+"""Standard deviation of rounding to whole numbers, the smallest σ of integer frames."""
+DEAD_MAX = 0.5
+"""Fraction of the neighbours' signal below which a pixel is dead: an assumption, EMVA 1288 leaves it to the user."""
 
 
 @dataclass(frozen=True, eq=False)
 class Defects(Figures):
-    """Pixels that differ from their neighbourhood by more than chance.
+    """Pixels that differ significantly from their neighbourhood; maps of shape (H, W), None without light.
 
-    hot : brighter in the dark.  dead : less than half of their neighbours' signal in light.
-    deviating : other responses to light than their neighbours', dead ones aside. Maps (H, W), None without light.
-    hot_share, dead_share, deviating_share : of all pixels [%].
-    z_dark, z_light : deviations over their robust σ, (H, W).  limit : |z| of a defect.
+    hot : brighter in the dark.  dead : less than half of their neighbours' signal in light.  deviating : other pixels
+    with a different response to light.  hot_share, dead_share, deviating_share : fractions of all pixels [%].
+    z_dark, z_light : deviations over their robust σ.  limit : |z| of a defect.
     """
 
     hot: NDArray[np.bool_]
@@ -52,7 +50,7 @@ class Defects(Figures):
     limit: float
 
     def plot(self, ax: Axes) -> None:
-        """Numbers of pixels by their deviation, logarithmic, with the normal distribution and the limits."""
+        """Plot the number of pixels versus deviation, with the normal distribution and the limits."""
         deviations = {"dark": self.z_dark}
         if self.z_light is not None:
             deviations["light"] = self.z_light
@@ -72,12 +70,12 @@ class Defects(Figures):
 
 
 def defects(dark: Stack, light: Stack | None = None, false_alarm: float = 0.01) -> Defects:
-    """Defect pixels in the mean of dark frames, and in light less dark.
+    """Find defect pixels in the mean of dark frames, and in light minus dark.
 
-    Each line's median is subtracted, then the median of the 24 others of 5 × 5 pixels; σ is 1.4826 times the median
+    The median of each line is subtracted, then the median of the other 24 of 5 × 5 pixels; σ is 1.4826 times the median
     absolute deviation.
-    false_alarm : probability that one pixel or more of a sensor without defects is named, if its pixels are normal.
-    Raises InputError for mosaics, light of another size, fewer than 100 pixels, and what is no probability.
+    false_alarm : probability of one or more false defects in a sensor with normal pixels.
+    Raises InputError for mosaics, light of another size, fewer than 100 pixels, and an impossible probability.
     """
     dark.require_one_filter()
     size = "none"
@@ -87,13 +85,13 @@ def defects(dark: Stack, light: Stack | None = None, false_alarm: float = 0.01) 
     sizes_differ = light is not None and light.shape != dark.shape
     if sizes_differ or dark.mean.size < 100 or not 0 < false_alarm < 1:
         raise InputError(
-            f"dark frames are {dark.shape[0]} × {dark.shape[1]}, light {size}, false_alarm is {false_alarm!r}; pass "
-            "equal sizes of 100 pixels or more and a probability between 0 and 1."
+            f"dark is {dark.shape[0]} × {dark.shape[1]}, light {size} and false_alarm {false_alarm!r}; pass equal "
+            "sizes of 100 pixels or more and a probability between 0 and 1."
         )
     limit = z_limit(dark.mean.size, false_alarm)
     z_dark, _ = _deviations(dark.mean, dark)
     hot = z_dark > limit
-    found = Defects(
+    defects_in_dark = Defects(
         hot=hot,
         dead=None,
         deviating=None,
@@ -105,13 +103,13 @@ def defects(dark: Stack, light: Stack | None = None, false_alarm: float = 0.01) 
         limit=limit,
     )
     if light is None:
-        return found
+        return defects_in_dark
     signal = light.mean - dark.mean
     z_light, expected = _deviations(signal, light)
-    dead = (z_light < -limit) & (signal < DEAD_SHARE * expected)
+    dead = (z_light < -limit) & (signal < DEAD_MAX * expected)
     deviating = (np.abs(z_light) > limit) & ~dead
     return replace(
-        found,
+        defects_in_dark,
         dead=dead,
         deviating=deviating,
         dead_share=_share("dead", dead, light, dark),
@@ -121,7 +119,7 @@ def defects(dark: Stack, light: Stack | None = None, false_alarm: float = 0.01) 
 
 
 def _deviations(image: Float64Array, stack: Stack) -> tuple[Float64Array, Float64Array]:
-    """Deviation of each pixel from what its line and neighbourhood let expect, over σ, and what is expected [DN]."""
+    """Return the deviation of each pixel from its line and neighbourhood in σ, and the expected value [DN]."""
     rest = image - np.median(image)
     for axis, length in ((1, image.shape[1]), (0, image.shape[0])):
         if length >= WINDOW:
@@ -137,11 +135,11 @@ def _deviations(image: Float64Array, stack: Stack) -> tuple[Float64Array, Float6
 
 
 def _share(name: str, pixels: NDArray[np.bool_] | None, *stacks: Stack) -> Quantity:
-    """Share of these in all pixels.
+    """Return the fraction of these pixels, without a value if noise is clipped.
 
-    It has no value where noise is clipped; pixels that are at an end in every frame are defects.
+    Pixels at an end of the range in every frame are defects, not clipped noise.
     """
-    figure = no_value(name, f"share of {name} pixels", "%", SECTION)
+    figure = no_value(name, f"fraction of {name} pixels", "%", SECTION)
     if pixels is None:
         return figure.noted("no light was given")
     share = share_interval(float(pixels.mean()), pixels.size)
@@ -150,7 +148,7 @@ def _share(name: str, pixels: NDArray[np.bool_] | None, *stacks: Stack) -> Quant
         clipping = stack.clipping
         shares = clipping.shares_of_pixels(stack.frames)
         now_and_then = float(shares[shares < 1].sum())
-        noise_is_clipped = len(stack) == 1 or now_and_then > LARGEST_SHARE * shares.size
+        noise_is_clipped = len(stack) == 1 or now_and_then > CLIPPED_MAX * shares.size
         most_are = np.count_nonzero(shares == 1) >= shares.size / 2
         hides = clipping.clipped and bool(noise_is_clipped or most_are)
         if hides or clipping.lowest == clipping.largest:

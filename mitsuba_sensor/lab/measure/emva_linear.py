@@ -1,4 +1,4 @@
-"""The temporal figures of EMVA 1288 R4 Linear, measured in a bench series of dark frames and flat fields; SNR."""
+"""Temporal figures of EMVA 1288 R4 Linear from dark frames and flat fields, and the SNR."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..frames.selection import temporal_levels
 from ..frames.series import Report, Series, series
 from ..frames.stack import Stack
 from ..frames.temporal import neighbour_correlation
-from ..quantity import Quantity, unknown
+from ..quantity import Quantity
 from .curved_response import Curve, curvature, small_signals
 from .dark_noise import DarkNoise, dark_noise
 from .photon_transfer import PhotonTransfer, photon_transfer, set_log_axes
@@ -25,17 +25,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-SMOOTHED = 0.2
-"""Correlation of neighbours' temporal noise from which on frames are not raw; coupled pixels have less than 0.1."""
+CORRELATION_MAX = 0.2
+"""Largest correlation of neighbours' temporal noise in raw frames; coupled pixels have less than 0.1."""
 
 
 @dataclass(frozen=True, eq=False)
 class EmvaLinear:
-    """quantities : all figures, K first, then QE and those of the parts.  notes : what was found in the frames.
+    """Results of EMVA 1288 Linear.
 
-    levels : of the flat fields and dark frames.  curve : of the response; K, R and η are those of small signals along
-    it, with intervals that hold a line and a curve where the levels do not tell them apart.
-    photon_transfer : along the curve.  as_measured : as EMVA 1288 Linear has it, without a curve.
+    quantities : all figures, K first, then η and the figures of the parts.  notes : remarks on the frames.
+    levels : levels of flat fields and dark frames.  curve : of the response; K, R and η are for small signals along it,
+    with intervals that include a line and a curve if the levels do not distinguish them.
+    photon_transfer : along the curve.  as_measured : by EMVA 1288 Linear, without a curve.
     """
 
     quantities: tuple[Quantity, ...]
@@ -51,7 +52,7 @@ class EmvaLinear:
 
     @property
     def plots(self) -> dict[str, Callable[[Axes], object]]:
-        """Drawings by title."""
+        """Plot functions by title."""
         return {
             "Radiometric function": self.radiometric.plot,
             "Photon transfer, linear": self.as_measured.plot,
@@ -62,40 +63,35 @@ class EmvaLinear:
         }
 
     def __getitem__(self, symbol: str) -> Quantity:
-        """A figure by its symbol: ``K``, ``η``, ``R``, ``LE``, ``σ_y.dark``, ``σ_d``, ``µ_e.sat``, ``DR``, …"""
+        """Return a figure by its symbol: ``K``, ``η``, ``R``, ``LE``, ``σ_y.dark``, ``σ_d``, ``µ_e.sat``, ``DR``, …"""
         return {figure.symbol: figure for figure in self.quantities}[symbol]
 
 
 def emva_linear(
-    darks: Sequence[Stack],
-    flats: Sequence[Stack],
-    window: int | None = None,
-    report: Report | None = None,
+    darks: Sequence[Stack], flats: Sequence[Stack], report: Report | None = None
 ) -> EmvaLinear:
-    """Measure a camera from stacks of two frames or more each.
+    """Measure a camera in stacks of at least two frames.
 
-    darks : one of each exposure time, or one for all.  flats : levels from near darkness to above saturation, with
-    photons per pixel; without photons QE and what needs it stay unknown.  window : rows and columns about the centre
-    that are used, all where None.  report : called with the stacks that are measured, and all of them, after each.
+    darks : one stack for each exposure time, or one for all.  flats : levels from nearly dark to above saturation, with
+    photons per pixel; without photons, η and figures that need it stay unknown.  report : called after each stack with
+    the number of measured and of all stacks.
 
-    What cannot be measured is NaN with a note. Raises InputError where the stacks do not belong together or hold a
+    A figure that cannot be measured is NaN with a note. Raises InputError if stacks do not belong together or have a
     single frame, a mosaic, or no flat fields.
     """
     used = temporal_levels(flats)
-    measured = series(darks, used, window, report)
+    measured = series(darks, used, report)
     end = find_peak(measured)
     curve = curvature(measured, end)
     straightened, transfer = small_signals(measured, curve)
     if smoothed := _note_smoothed(used):
-        transfer = replace(transfer, gain=unknown(transfer.gain, smoothed))
+        transfer = replace(transfer, gain=transfer.gain.without_value(smoothed))
     gain, light = transfer.gain, _light_along(measured, curve, straightened)
     efficiency = light.efficiency(gain)
-    if window is not None:
-        darks = [stack.centre(window) for stack in darks]
     dark = dark_noise(darks, gain, measured.darks)
     usable = efficiency
     if efficiency is not None and TOO_EFFICIENT in efficiency.note:
-        usable = None  # the photons are not those of a pixel
+        usable = None  # the photons are not per pixel
     ends = saturation(straightened, gain, usable, dark.total)
     notes = [*measured.notes, *_note_spatial_stacks(flats, used, measured)]
     as_measured, rows = transfer, [gain]
@@ -106,7 +102,7 @@ def emva_linear(
         rows.append(replace(as_measured.gain, symbol="K_line", name=name))
         change = float(curve.slope(curve.straight(np.array(end.mean[0])))) - 1
         notes.append(f"the response is curved: the slope changes by {100 * change:+.2g} %")
-    rows.append(efficiency or unknown(EFFICIENCY, NO_PHOTONS))
+    rows.append(efficiency or EFFICIENCY.without_value(NO_PHOTONS))
     figures = [*rows, *light.quantities, *dark.quantities, *ends.quantities]
     if measured.notes:
         figures = [figure.noted("see the notes of the series") for figure in figures]
@@ -116,20 +112,20 @@ def emva_linear(
 
 
 def _note_smoothed(flats: Sequence[Stack]) -> str:
-    """Why frames that were denoised, resized or interpolated show no K, or nothing."""
+    """Return why denoised, resized or interpolated frames show no K, or an empty text."""
     inside = [flat for flat in flats if flat.clipping.usable and flat.shape[1] > 8]
     inside.sort(key=lambda stack: float(stack.frame_means[0]))
     correlation = neighbour_correlation(inside[len(inside) // 2]) if inside else 0.0
-    if correlation < SMOOTHED:
+    if correlation < CORRELATION_MAX:
         return ""
     return (
         f"the temporal noise of neighbouring pixels is correlated by {correlation:.2f}, as in denoised, resized or "
-        "demosaiced frames, whose variance is too small; take raw frames"
+        "demosaiced frames, so its variance is too small; take raw frames"
     )
 
 
 def _light_along(measured: Series, curve: Curve, straightened: Series) -> Radiometric:
-    """The response to light with R of small signals; R of a line and of a curve where both are possible."""
+    """Return the response to light with R for small signals, or for a line and a curve if both are possible."""
     light = radiometric(measured)
     responsivity = light.responsivity
     if curve:
@@ -143,7 +139,7 @@ def _light_along(measured: Series, curve: Curve, straightened: Series) -> Radiom
 def _note_spatial_stacks(
     flats: Sequence[Stack], used: Sequence[Stack], measured: Series
 ) -> list[str]:
-    """A note about the stacks of many frames that temporal figures are not from, with their residuals."""
+    """Return a note on the stacks of many frames that temporal figures do not use, with their deviations."""
     texts: list[str] = []
     for flat in flats:
         if any(flat is other for other in used):
@@ -155,16 +151,17 @@ def _note_spatial_stacks(
             if expected:
                 text += f", {100 * (signal / expected - 1):+.2g} % off these"
         texts.append(f"{flat.source} ({text})")
-    few = "temporal figures are those of the levels of few frames, without"
+    few = "temporal figures use only the levels of few frames, without"
     return [f"{few} {', '.join(texts)}"] if texts else []
 
 
 @dataclass(frozen=True, eq=False)
 class SignalToNoise:
-    """light : photons per pixel, or photoelectrons where photons are not known.  measured : (µ_y - µ_y.dark) / σ_y.
+    """Signal-to-noise ratio of a series.
 
-    model : ηµ_p / sqrt(σ_y.dark²/K² + ηµ_p), EMVA 1288 R4 2.3.  ideal : sqrt(µ_p), or sqrt(µ_e).
-    Levels without signal, with clipped values, and above saturation, where noise is cut, have NaN.
+    light : photons per pixel or, if unknown, photoelectrons.  measured : (µ_y − µ_y.dark) / σ_y, NaN for levels without
+    signal, clipped levels and levels above saturation.  model : ηµ_p / √(σ_y.dark²/K² + ηµ_p) (EMVA 1288 R4 2.3).
+    ideal : √µ_p, or √µ_e.
     """
 
     light: Float64Array
@@ -174,7 +171,7 @@ class SignalToNoise:
     photons_known: bool
 
     def plot(self, axes: Axes, log: bool = True) -> None:
-        """Measured, model and ideal SNR; log for both axes logarithmic, as EMVA 1288 draws it."""
+        """Plot measured, model and ideal SNR.  log : True for logarithmic axes, as in EMVA 1288."""
         shown = np.isfinite(self.measured)
         axes.plot(self.light[shown], self.measured[shown], "o", ms=3, label="measured")
         axes.plot(self.light, self.model, lw=1, label="model")
@@ -188,7 +185,7 @@ class SignalToNoise:
 def signal_to_noise(
     measured: Series, gain: Quantity, efficiency: Quantity | None, dark: Quantity
 ) -> SignalToNoise:
-    """SNR of a series, with K [DN/e-], QE [1] or None, and σ_y.dark [DN]."""
+    """Return the SNR of a series from K [DN/e-], QE or None, and σ_y.dark [DN]."""
     noise = np.sqrt(measured.of_flats("variance"))
     below_saturation = measured.signal <= find_peak(measured).mean[0]
     usable = measured.inside & (measured.signal > 0) & below_saturation & (noise > 0)

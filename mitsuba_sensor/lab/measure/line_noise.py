@@ -1,4 +1,4 @@
-"""Temporal row and column noise: what the pixels of a line share, new in each frame."""
+"""Temporal row and column noise: the noise that the pixels of a line share in each frame."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...core.types import Float64Array
-from ..frames.clipping import mark_clipped_sigma, mark_coarse, mark_rounding
+from ..frames.clipping import Pattern, mark_clipped_sigma, mark_coarse, mark_rounding
 from ..frames.stack import ROUNDING_DN2, Stack, rounding_error_dn2
 from ..quantity import Figures, Quantity, no_value
 from ..statistics.mean_squares import root, temporal_mean_squares
@@ -22,10 +22,10 @@ SECTION = "analysis of variance over frames"
 
 @dataclass(frozen=True, eq=False)
 class LineNoise(Figures):
-    """Temporal noise of rows, columns and pixels, whose squares add up to a pixel's temporal variance without rounding.
+    """Temporal noise of rows, columns and pixels; their squares add up to the variance of a pixel without rounding.
 
     row, column, pixel : standard deviations [DN].
-    rows, columns : standard deviation over the frames of each row's and column's mean, (H,) and (W,) [DN].
+    rows, columns : temporal standard deviation of the mean of each row (H,) and column (W,) [DN].
     """
 
     row: Quantity
@@ -35,20 +35,18 @@ class LineNoise(Figures):
     columns: Float64Array
 
     def plot(self, ax: Axes) -> None:
-        """Temporal noise of every line's mean; the smaller the noise of its pixels, the nearer to σ_row and σ_col."""
+        """Plot the temporal noise of each line mean, which includes averaged pixel noise."""
         ax.plot(self.rows, ".", ms=3, label="rows")
         ax.plot(self.columns, ".", ms=3, label="columns")
-        ax.set(
-            xlabel="number of the row or column", ylabel="temporal σ of the line's mean [DN]"
-        )
+        ax.set(xlabel="row or column number", ylabel="temporal σ of the line mean [DN]")
         ax.set_ylim(bottom=0)
 
 
 def line_noise(stack: Stack) -> LineNoise:
-    """σ_row and σ_col of a stack of 2 frames or more, of one light.
+    """Measure σ_row, σ_col and σ_pixel of at least 2 frames of one exposure level.
 
-    What is fixed (each pixel's mean), what whole frames share (drift of light or black level) and what averaging a line
-    leaves of its pixels' noise are removed. Raises InputError for a mosaic.
+    Fixed patterns, fluctuations of whole frames and the averaged pixel noise of line means are removed.
+    Raises InputError for a mosaic.
     """
     stack.require_one_filter()
     squares = temporal_mean_squares(stack) if len(stack) > 1 else None
@@ -59,35 +57,28 @@ def line_noise(stack: Stack) -> LineNoise:
         if terms:
             sigma = sigma.with_interval(root(terms))
         elif squares is not None:
-            sigma = sigma.noted(
-                "a single line of pixels: rows, columns and pixels are not told apart"
-            )
-        sigma = mark_coarse(mark_rounding(mark_clipped_sigma(sigma, stack), stack), stack)
-        return sigma.noted("not told from 0" if sigma.low == 0 else "")
+            sigma = sigma.noted("rows, columns and pixels of a single line cannot be separated")
+        sigma = mark_coarse(mark_clipped_sigma(sigma, stack), stack)
+        sigma = mark_rounding(sigma, Pattern(stack, sigma))
+        return sigma.noted("may be 0" if sigma.low == 0 else "")
 
     pixel = noise("pixel", "pixel")
-    if stack.whole_codes and squares is not None:
-        pixel = _without_rounding(pixel, rounding_error_dn2(stack.changes.variance))
+    if stack.whole_codes and math.isfinite(pixel.value):
+        error_dn2 = rounding_error_dn2(stack.changes.variance)
+        removed_dn2 = ROUNDING_DN2 + np.array([0.0, error_dn2, -error_dn2])
+        variances = np.square([pixel.value, pixel.low, pixel.high]) - removed_dn2
+        pixel = pixel.with_interval(np.sqrt(np.maximum(variances, 0.0)).tolist())
     return LineNoise(
         row=noise("row", "row"),
         column=noise("col", "column"),
         pixel=pixel,
-        rows=_deviation_over_frames(stack.row_means),
-        columns=_deviation_over_frames(stack.column_means),
+        rows=_temporal_deviation(stack.row_means),
+        columns=_temporal_deviation(stack.column_means),
     )
 
 
-def _without_rounding(sigma: Quantity, error_dn2: float) -> Quantity:
-    """A standard deviation [DN] without what rounding adds to its square, 1/12 DN² give or take an error."""
-    if math.isnan(sigma.value):
-        return sigma
-    removed_dn2 = ROUNDING_DN2 + np.array([0.0, error_dn2, -error_dn2])
-    variances = np.square([sigma.value, sigma.low, sigma.high]) - removed_dn2
-    return sigma.with_interval(np.sqrt(np.maximum(variances, 0.0)).tolist())
-
-
-def _deviation_over_frames(means: Float64Array) -> Float64Array:
-    """Standard deviation over the frames of each line's mean, (N, lines) → (lines,) [DN]; NaN for one frame."""
+def _temporal_deviation(means: Float64Array) -> Float64Array:
+    """Return the temporal standard deviation of line means (N, lines), shape (lines,) [DN]; NaN for one frame."""
     if len(means) == 1:
         return np.full(means.shape[1], np.nan)
     return np.asarray(means.std(axis=0, ddof=1))

@@ -1,9 +1,9 @@
-"""All instruments on the frames of one bench: what each colour filter's pixels show, and what could not be measured."""
+"""All instruments on the frames of one bench: results for each colour filter, and what could not be measured."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -26,10 +26,10 @@ from ..frames.selection import (
 )
 from ..frames.soundness import sound
 from ..frames.stack import Stack, merged
-from ..quantity import Quantity
+from ..quantity import Figures, Quantity
 from .correlation import correlation
 from .dark_current import DarkTemperature, dark_current, dark_temperature
-from .dark_signal import DarkSignal, dark_signal
+from .dark_signal import dark_signal
 from .defects import defects
 from .emva_linear import EmvaLinear, emva_linear
 from .line_noise import line_noise
@@ -55,10 +55,10 @@ class Instrument(NamedTuple):
         mine = ms.lab.Instrument("warmest pixel", lambda m: m.bench.darks[:1], warmest, "DN", "our own rule")
         ms.lab.measure_bench(bench, instruments=[*ms.lab.INSTRUMENTS, mine])
 
-    title : of its results.  frames : what the function is called with, from the measurement so far.
+    title : of its results.  frames : returns the arguments of the function from the measurement so far.
     function : returns a Quantity, several, (value, low, high), or an object with ``quantities`` and a ``plot``, or
-    ``plots`` by title, and ``notes``. An InputError means that the frames do not show it.
-    unit : of its figures; figures in DN are divided by K where it is "e-".  section : where the definition stands.
+    ``plots`` by title, and ``notes``. An InputError means that the frames do not show the figures.
+    unit : of its figures; "e-" divides figures in DN by K.  section : place of the definition.
     """
 
     title: str
@@ -70,14 +70,14 @@ class Instrument(NamedTuple):
 
 @dataclass(eq=False)
 class Measurement:
-    """Results of all instruments behind one colour filter.
+    """Results of all instruments for one colour filter.
 
-    filter_name : of the filter, empty for a monochrome camera.  bench : the frames behind it.
+    filter_name : of the filter, empty for a monochrome camera.  bench : frames of its pixels.
     figures : all quantities, by symbol, in the order of the instruments.  results : of the instruments, by title.
-    drawings : what to draw, by title.  notes : what the instruments say about the frames.
-    refused : the sentence of every instrument that could not measure, by its title.
-    clipped : titles of the instruments that could not because values are clipped.
-    report : told the title of every instrument when it begins, and how far a long one is.
+    drawings : plot functions by title.  notes : remarks of the instruments on the frames.
+    refused : error of each instrument that could not measure, by its title.
+    clipped : titles of the instruments that could not measure because values are clipped.
+    report : called with the title of each instrument at its start, and with the progress of a long one.
     """
 
     filter_name: str
@@ -97,22 +97,14 @@ class Measurement:
 
     def _repr_html_(self) -> str:
         rows = [
-            (
-                one.symbol,
-                one.name,
-                f"{one.value:.4g}",
-                f"{one.low:.4g} to {one.high:.4g}",
-                one.unit,
-            )
-            for one in self.figures.values()
+            (figure.symbol, figure.name, figure.shown, f"{figure.low:.4g} to {figure.high:.4g}")
+            for figure in self.figures.values()
         ]
-        heading = "symbol", "figure", "value", "95 % interval", "unit"
-        return fragment(
-            "EMVA 1288 figures, measured", Table(heading, rows), facts(self.refused)
-        )
+        table = Table(("symbol", "figure", "value", "95 % interval"), rows)
+        return fragment("EMVA 1288 figures, measured", table, facts(self.refused))
 
     def run(self, instrument: Instrument) -> None:
-        """Keep figures, drawings and notes of an instrument, or the sentence with which it refuses."""
+        """Keep figures, plots and notes of an instrument, or its error."""
         title = instrument.title
         self.report(title)
         try:
@@ -124,8 +116,11 @@ class Measurement:
                 self.clipped.append(title)
             return
         self.results[title] = result
+        gain = self.figures.get("K")
         for quantity in quantities:
-            figure = self._in_unit(quantity.with_width(), instrument.unit)
+            figure = quantity.with_width()
+            if instrument.unit == "e-" and gain is not None and gain.low > 0:
+                figure = figure.in_electrons(gain)
             self.figures[quantity.symbol] = figure
         self.notes += getattr(result, "notes", ())
         if hasattr(result, "plots"):
@@ -133,22 +128,15 @@ class Measurement:
         elif hasattr(result, "plot"):
             self.drawings[f"{title[0].upper()}{title[1:]}"] = result.plot
 
-    def _in_unit(self, figure: Quantity, unit: str) -> Quantity:
-        """A figure in electrons where that is wanted and K is known."""
-        gain = self.figures.get("K")
-        if unit != "e-" or gain is None or not gain.low > 0:
-            return figure
-        return figure.in_electrons(gain)
-
     @property
     def hidden(self) -> list[str]:
-        """What has no value because values of the frames are clipped: symbols, and titles of instruments."""
+        """Symbols and titles of instruments without a value because values of the frames are clipped."""
         symbols = [figure.symbol for figure in self.figures.values() if figure.clipped]
         return symbols + self.clipped
 
 
 def _quantities_of(result: Any, instrument: Instrument) -> Iterator[Quantity]:
-    """The figures of a result."""
+    """Yield the figures of a result."""
     title, _, _, unit, section = instrument
     if isinstance(result, Quantity):
         yield result
@@ -171,7 +159,7 @@ def measure_bench(
     report: Callable[[str], object] = lambda title: None,
     instruments: Sequence[Instrument] | None = None,
 ) -> tuple[Measurement, ...]:
-    """Every instrument on the pixels behind each colour filter of a bench: K, QE, noise, saturation, dark current, …
+    """Run all instruments on the pixels of each colour filter: K, QE, noise, saturation, dark current, …
 
     ::
 
@@ -179,16 +167,16 @@ def measure_bench(
         (measured,) = ms.lab.measure_bench(bench)
         print(measured.figures["K"])
 
-    report : called with the title of each instrument before it measures, from several threads, and with what a long
-        one has done so far.
-    instruments : all of ``ms.lab.INSTRUMENTS`` if None.
+    report : called from several threads with the title of each instrument at its start, and with the progress of a long
+        one.
+    instruments : None for ``ms.lab.INSTRUMENTS``.
 
-    Raises InputError for a bench of several gain settings (see :meth:`Bench.at_gain`), and for one without stacks.
+    Raises InputError for a bench with several gain settings (see :meth:`Bench.at_gain`) or without stacks.
     """
     if len(bench.gains) != 1:
         gains = ", ".join(bench.gains) or "no frames"
         raise InputError(
-            f"the bench has the gain settings {gains}; measure Bench.at_gain() of each."
+            f"the bench has the gain settings {gains}; pass Bench.at_gain() of each."
         )
     rows = INSTRUMENTS if instruments is None else instruments
     bench, notes = sound(bench)
@@ -206,9 +194,9 @@ def measure_bench(
 
 
 def linear_of(bench: Bench, report: Callable[[int, int], object] | None = None) -> EmvaLinear:
-    """EMVA 1288 Linear of a bench, with the dark frames nearest to the flat fields in time and temperature.
+    """Run EMVA 1288 Linear on a bench, with the dark frames nearest to the flat fields in time and temperature.
 
-    Raises InputError where no flat fields, or no dark frames, have two frames.
+    Raises InputError if no flat fields or no dark frames have two frames.
     """
     flats = [flat for flat in bench.flats if len(flat) > 1]
     darks = [stack for stack in bench.unlit if len(stack) > 1]
@@ -218,32 +206,30 @@ def linear_of(bench: Bench, report: Callable[[int, int], object] | None = None) 
         )
 
     def distance(flat: Stack, dark: Stack) -> tuple[float, float, int]:
-        """Dark frames of the same time and temperature come first, and of these the one with most frames."""
         dark_k = dark.temperature_k or 0.0
         warmer = abs(dark_k - (flat.temperature_k or dark_k))
         return abs(dark.exposure_s - flat.exposure_s), warmer, -len(dark)
 
     nearest = [min(darks, key=partial(distance, flat)) for flat in flats]
-    return emva_linear(
-        list({id(dark): dark for dark in nearest}.values()), flats, report=report
-    )
+    return emva_linear(list({id(dark): dark for dark in nearest}.values()), flats, report)
 
 
 def half_and_dark(bench: Bench, linear: EmvaLinear | None) -> tuple[Stack, Stack]:
-    """The dark frames of the flat field nearest to half of saturation, and this flat field."""
+    """Return the dark frames of the flat field nearest to half saturation, and this flat field."""
     saturation_dn = None if linear is None else float(linear.photon_transfer.peak.mean[0])
     half = half_saturated(bench, saturation_dn)
     return dark_for(bench, half), half
 
 
 def uniformity_of(bench: Bench, linear: EmvaLinear | None) -> Nonuniformity:
-    """DSNU1288 and PRNU1288 of a bench, of the light where the response is curved."""
-    dark, half = half_and_dark(bench, linear)
-    return nonuniformity(dark, half, curve=None if linear is None else linear.curve)
+    """Measure DSNU1288 and PRNU1288 of a bench, relative to the light if the response is curved."""
+    return nonuniformity(
+        *half_and_dark(bench, linear), None if linear is None else linear.curve
+    )
 
 
 def over_temperature(bench: Bench) -> DarkTemperature:
-    """Dark current of each temperature; dark frames of one exposure time are counted from the shortest of all."""
+    """Measure dark current at each temperature; a single exposure time is compared with the shortest dark stack."""
     currents: dict[float, Quantity] = {}
     for temperature_k, stacks in by_temperature(bench).items():
         if count_exposure_times(stacks) == 1:
@@ -254,19 +240,13 @@ def over_temperature(bench: Bench) -> DarkTemperature:
 
 
 def _linear(measurement: Measurement) -> EmvaLinear | None:
-    """The result of the first instrument, on which others rest."""
+    """Return the result of the first instrument, which others use."""
     linear: EmvaLinear | None = measurement.results.get("photon transfer")
     return linear
 
 
-def _linear_frames(measurement: Measurement) -> Iterator[object]:
-    """The bench, and what is told how far it is."""
-    yield measurement.bench
-    yield lambda done, total: measurement.report(f"photon transfer: {done} of {total} levels")
-
-
 def _transfer_of_scene(*scenes: Stack) -> PhotonTransfer | tuple[()]:
-    """The paper's photon transfer curve of the first scene, nothing without one."""
+    """Return the photon transfer curve of the first scene, as in the paper; nothing without a scene."""
     if not scenes:
         return ()
     transfer = photon_transfer_of_scene(scenes[0])
@@ -278,43 +258,40 @@ def _half(measurement: Measurement) -> tuple[Stack, Stack]:
     return half_and_dark(measurement.bench, _linear(measurement))
 
 
-class _Drawn(NamedTuple):
-    """Figures and drawings of several results."""
+@dataclass(frozen=True, eq=False)
+class _Drawn(Figures):
+    """Figures and plot functions of several results."""
 
-    quantities: tuple[Quantity, ...]
-    plots: Mapping[str, Callable[[Axes], object]]
+    figures: tuple[Quantity, ...]
+    plots: dict[str, Callable[[Axes], object]]
 
 
 def _spectrograms(dark: Stack, half: Stack) -> _Drawn:
-    """Horizontal and vertical spectrograms of dark frames and of a flat field."""
-    named = {"darkness": spectrograms(dark), "half saturation": spectrograms(half)}
-    found = {f"{one.direction}, {name}": one for name, both in named.items() for one in both}
-    figures = [replace(one.non_whiteness, symbol=f"F_{name}") for name, one in found.items()]
-    return _Drawn(
-        tuple(figures), {f"Spectrogram, {name}": one.plot for name, one in found.items()}
-    )
+    """Return horizontal and vertical spectrograms of dark frames and of a flat field."""
+    stacks = {"darkness": dark, "half saturation": half}
+    named = {
+        f"{x.direction}, {at}": x for at, stack in stacks.items() for x in spectrograms(stack)
+    }
+    figures = [replace(x.non_whiteness, symbol=f"F_{name}") for name, x in named.items()]
+    return _Drawn(tuple(figures), {f"Spectrogram, {name}": x.plot for name, x in named.items()})
 
 
 def _profiles(dark: Stack, half: Stack) -> _Drawn:
-    """Drawings of the profiles of a flat field."""
-    plots = {f"Profile, {one.direction}": one.plot for one in profiles(half, dark)}
-    return _Drawn((), plots)
-
-
-def _dark_signal(bench: Bench) -> DarkSignal:
-    return dark_signal(longest_dark(bench), black_level(bench))
-
-
-def _bench(measurement: Measurement) -> tuple[Bench]:
-    return (measurement.bench,)
-
-
-def _shortest(measurement: Measurement) -> tuple[Stack]:
-    return (shortest_dark(measurement.bench),)
+    """Return plots of the profiles of a flat field."""
+    return _Drawn((), {f"Profile, {x.direction}": x.plot for x in profiles(half, dark)})
 
 
 INSTRUMENTS: tuple[Instrument, ...] = (
-    Instrument("photon transfer", _linear_frames, linear_of, "DN/e-", "EMVA 1288 R4 6.6"),
+    Instrument(
+        "photon transfer",
+        lambda m: (
+            m.bench,
+            lambda done, total: m.report(f"photon transfer: {done} of {total} levels"),
+        ),
+        linear_of,
+        "DN/e-",
+        "EMVA 1288 R4 6.6",
+    ),
     Instrument(
         "photon transfer of a scene",
         lambda m: m.bench.scenes[:1],
@@ -323,9 +300,19 @@ INSTRUMENTS: tuple[Instrument, ...] = (
         "Konnik & Welsh 2014",
     ),
     Instrument(
-        "row and column noise", _shortest, line_noise, "e-", "analysis of variance over frames"
+        "row and column noise",
+        lambda m: (shortest_dark(m.bench),),
+        line_noise,
+        "e-",
+        "analysis of variance over frames",
     ),
-    Instrument("correlation", _shortest, correlation, "", "autocorrelation of temporal noise"),
+    Instrument(
+        "correlation",
+        lambda m: (shortest_dark(m.bench),),
+        correlation,
+        "",
+        "autocorrelation of temporal noise",
+    ),
     Instrument(
         "non-uniformity",
         lambda m: (m.bench, _linear(m)),
@@ -344,9 +331,19 @@ INSTRUMENTS: tuple[Instrument, ...] = (
         "EMVA 1288 R4 7.1",
     ),
     Instrument(
-        "dark current over temperature", _bench, over_temperature, "", "EMVA 1288 R4 7.2"
+        "dark current over temperature",
+        lambda m: (m.bench,),
+        over_temperature,
+        "",
+        "EMVA 1288 R4 7.2",
     ),
-    Instrument("dark signal", _bench, _dark_signal, "DN", "BIC of four distributions"),
+    Instrument(
+        "dark signal",
+        lambda m: (longest_dark(m.bench), black_level(m.bench)),
+        dark_signal,
+        "DN",
+        "BIC of four distributions",
+    ),
     Instrument(
         "RTS pixels",
         lambda m: (max(darks_of(m.bench), key=len),),
@@ -355,4 +352,4 @@ INSTRUMENTS: tuple[Instrument, ...] = (
         "likelihood ratio of two levels and one",
     ),
 )
-"""All instruments, in the order in which they measure; those below use the results of those above."""
+"""All instruments in the order in which they measure; later ones use results of earlier ones."""

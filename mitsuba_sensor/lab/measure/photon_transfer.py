@@ -1,7 +1,7 @@
-"""Photon transfer: temporal variance against the mean, whose slope is the overall system gain K.
+"""Photon transfer: temporal variance versus mean, whose slope is the overall system gain K.
 
-From flat fields (EMVA 1288 R4 6.6), or from one scene that runs from darkness to saturation, in bins of the pixels'
-means (Konnik and Welsh 2014, section 4).
+The points are flat fields (EMVA 1288 R4 6.6), or bins of pixels in one scene from dark to saturated (Konnik and Welsh
+2014, section 4).
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from ...core import InputError
 from ...core.types import Float64Array
-from ..frames.clipping import LARGEST_SHARE, note_left_out
+from ..frames.clipping import CLIPPED_MAX, note_left_out
 from ..frames.series import Series
 from ..frames.stack import Stack
 from ..frames.temporal import Maps, temporal
-from ..quantity import Figures, Quantity, no_value, unknown
+from ..quantity import Figures, Quantity, no_value
 from ..statistics.line_fits import line_through_origin
 from .saturation import Peak, find_peak, peak
 
@@ -28,27 +28,27 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 FITTED = 0.7
-"""Share of the saturation signal up to which K is fitted, EMVA 1288 R4 6.6."""
+"""Fraction of the saturation signal up to which K is fitted (EMVA 1288 R4 6.6)."""
 BINS = 100
-FEWEST_OF_A_BIN = 30
-"""Pixels of a bin, below which its variance has no normal error."""
+BIN_PIXELS_MIN = 30
+"""Smallest number of pixels in a bin; the variance of fewer has no normal error."""
 GAIN = no_value("K", "overall system gain", "DN/e-", "EMVA 1288 R4 6.6")
 INITIAL_GAIN = replace(GAIN, symbol="K_0", name="gain at zero of a parabola")
 
 
 def set_log_axes(axes: Axes) -> None:
-    """Make both axes logarithmic; not where no value is above 0, of which Matplotlib draws none."""
+    """Make both axes logarithmic, unless no value is above 0."""
     if np.isfinite(axes.dataLim.minpos).all():
         axes.set(xscale="log", yscale="log")
 
 
 @dataclass(frozen=True, eq=False)
 class PhotonTransfer(Figures):
-    """The curve, and K as the slope of its lower part.
+    """Photon transfer curve, and K as the slope of its lower part.
 
-    gain : K [DN/e-].  initial_gain : slope at zero of a parabola, which is K of the linear part of a curved response.
-    signal : mean minus dark mean [DN].  variance : temporal variance minus that in the dark [DN²], and its standard
-    errors.  fitted : which points K is from.  peak : the largest variance, and whether the well or the ADC ends there.
+    gain : K [DN/e-].  initial_gain : slope at zero of a parabola, K of the linear part of a curved response.
+    signal : mean minus dark mean [DN].  variance, errors : temporal variance minus dark variance, with standard errors
+    [DN²].  fitted : mask of the points that K is fitted to.  peak : largest variance and limit of the range.
     """
 
     gain: Quantity
@@ -61,11 +61,11 @@ class PhotonTransfer(Figures):
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """K."""
+        """K alone."""
         return (self.gain,)
 
     def plot(self, axes: Axes, log: bool = False) -> None:
-        """Variance against signal with the fitted line; log for both axes logarithmic."""
+        """Plot variance versus signal with the fitted line.  log : True for logarithmic axes."""
         shown, begin = np.ones(len(self.signal), bool), 0.0
         if log:
             shown = (self.signal > 0) & (self.variance > 0)
@@ -83,12 +83,12 @@ class PhotonTransfer(Figures):
 
 
 class _Points(NamedTuple):
-    """Points of a curve whose errors are known once K is: (n,) each, but for the dark.
+    """Points of a curve, shape (n,) each, whose errors depend on K.
 
     signal, variance, errors, fitted, peak : as in :class:`PhotonTransfer`.
-    dark : variance in the dark [DN²].  freedom : degrees of freedom of the variances.
+    dark : dark variance [DN²].  freedom : degrees of freedom of the variances.
     mean_error : standard errors of the means for a variance of 1 DN².
-    shared : of the levels by their dark frames: covariances of the variances and of the means, (n, n).
+    shared : covariances (n, n) of the variances and of the means that share dark frames.
     """
 
     signal: Float64Array
@@ -102,31 +102,30 @@ class _Points(NamedTuple):
     shared: tuple[Float64Array, Float64Array]
 
     def covariance(self, gain: float) -> Float64Array:
-        """Covariance of the fitted variances, if K is this.
+        """Return the covariance of the fitted variances for this K.
 
-        Errors are taken from the line, not from each level, since a level that comes out low by chance would weigh
-        more. They are as much larger than those of normal noise as the fitted levels' are on average.
+        Errors come from the line instead of each level, because a level that is low at random would get more weight.
+        They are scaled to the average error of the fitted levels relative to normal noise.
         """
         used = self.fitted
         measured = (self.variance + self.dark)[used]
         square = (self.errors[used] / measured) ** 2 * self.freedom[used] / 2
         model = self.dark + gain * np.maximum(self.signal, 0)
-        own = model * np.sqrt(2 * max(float(np.mean(square)), 0.5) / self.freedom)
+        single = model * np.sqrt(2 * max(float(np.mean(square)), 0.5) / self.freedom)
         by_mean = gain * self.mean_error * np.sqrt(model)
-        whole = np.diag(own**2 + by_mean**2) + self.shared[0] + gain**2 * self.shared[1]
+        whole = np.diag(single**2 + by_mean**2) + self.shared[0] + gain**2 * self.shared[1]
         return np.asarray(whole[np.ix_(used, used)])
 
     def without_gain(self, why: str, clipped: bool = False) -> PhotonTransfer:
-        """The curve without K.  clipped : whether clipping is why."""
-        gain, initial = (unknown(one, why, clipped) for one in (GAIN, INITIAL_GAIN))
-        return PhotonTransfer(gain, initial, *self[:5])
+        """Return the curve without K.  clipped : True if clipping is the reason."""
+        gains = (gain.without_value(why, clipped) for gain in (GAIN, INITIAL_GAIN))
+        return PhotonTransfer(*gains, *self[:5])
 
     def fit(self, clipped: str, notes: Sequence[str] = ()) -> PhotonTransfer:
-        """K.  clipped : why points are left out, or nothing."""
-        used = self.fitted
-        x, y = self.signal[used], self.variance[used]
-        if not used.any() or self.peak.mean[0] <= 0 or not (y > 0).any():
-            why = clipped or "no level lies between darkness and 70 % of saturation"
+        """Fit K.  clipped : reason why points are left out, or empty."""
+        x, y = self.signal[self.fitted], self.variance[self.fitted]
+        if not len(x) or self.peak.mean[0] <= 0 or not (y > 0).any():
+            why = clipped or "no level lies between dark and 70 % of saturation"
             return self.without_gain(why, bool(clipped))
         slope = float(np.median((y / np.maximum(x, 1e-300))[x > 0])) if (x > 0).any() else 0.0
         for _ in range(4):
@@ -134,16 +133,18 @@ class _Points(NamedTuple):
             slope = line.slope
         note = "; ".join(filter(None, (line.note, note_left_out(clipped), *notes)))
         gain = GAIN.with_interval((line.slope, line.low, line.high)).noted(note)
-        if used.sum() < 3:
-            note = f"a parabola needs 3 levels between darkness and 70 % of saturation, not {used.sum()}"
+        if len(x) < 3:
+            note = (
+                f"a parabola needs 3 levels between dark and 70 % of saturation, not {len(x)}"
+            )
         initial = INITIAL_GAIN.with_interval(line.initial).noted(note)
         return PhotonTransfer(gain, initial, *self[:5])
 
 
 def photon_transfer(measured: Series) -> PhotonTransfer:
-    """Curve and K from flat fields and dark frames, between 0 and 70 % of saturation.
+    """Measure curve and K in flat fields and dark frames between 0 and 70 % of saturation.
 
-    Weights are the errors of the variances, with what all levels share by their dark frames.
+    The weights are the errors of the variances, including the error shared through the dark frames.
     """
     ends, variance = find_peak(measured), measured.of_flats("variance")
     within = (measured.signal <= FITTED * ends.mean[0]) & (variance > 0)
@@ -167,10 +168,10 @@ def photon_transfer(measured: Series) -> PhotonTransfer:
 
 
 def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonTransfer:
-    """From one scene that runs from darkness to saturation: mean of the variances in bins of the pixels' means.
+    """Measure K in one scene from dark to saturated: mean of the variances in bins of the pixels' means.
 
-    Without dark frames, signal and variance are counted from those of the darkest bin, and the note says so.
-    Raises InputError for a scene with less than 5 levels of 30 pixels.
+    Without dark frames, signal and variance are relative to the darkest bin, and a note reports it.
+    Raises InputError for a scene with fewer than 5 levels of 30 pixels.
     """
     maps = Maps.empty(scene)
     statistics = temporal(scene, maps)
@@ -181,16 +182,15 @@ def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonT
     )
     if dark is None:
         bins = _bin_pixels(scene, maps.mean, maps.variance)
-        black, dark_variance, dark_error = (float(part[0]) for part in bins[:3])
-        clipped = clipped_scene if bins.clipped[0] > LARGEST_SHARE else ""
-        bins = _Bins(bins.mean - black, *bins[1:])
-        bins = _Bins(*(part[1:] for part in bins))
-        notes.insert(0, "signal is counted from the darkest pixels: no dark frames")
+        black, dark_variance, dark_error = (float(column[0]) for column in bins[:3])
+        clipped = clipped_scene if bins.clipped[0] > CLIPPED_MAX else ""
+        bins = _Bins(*(column[1:] for column in bins))
+        bins = bins._replace(mean=bins.mean - black)
+        notes.insert(0, "signal is relative to the darkest pixels: no dark frames")
     else:
         if dark.shape != scene.shape:
-            sizes = f"{scene.shape} pixels, the dark frames {dark.shape}"
             raise InputError(
-                f"{scene.source}: the scene has {sizes}; pass frames of equal size."
+                f"{scene.source}: shape {scene.shape}, dark {dark.shape}; pass frames of equal size."
             )
         below = temporal(dark)
         bins = _bin_pixels(scene, maps.mean - dark.mean, maps.variance)
@@ -202,28 +202,22 @@ def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonT
     if ends.limited_by == "not reached":
         notes.append("the scene does not reach saturation")
     within = (bins.mean <= FITTED * ends.mean[0]) & (bins.variance > 0)
-    fitted = within & (bins.clipped <= LARGEST_SHARE) & (not clipped)
-    freedom = bins.pixels * (statistics.frames - 1)
+    fitted = within & (bins.clipped <= CLIPPED_MAX) & (not clipped)
+    count, freedom = len(excess), bins.pixels * (statistics.frames - 1)
+    shared = np.full((count, count), dark_error**2), np.zeros((count, count))
+    dark_dn2 = np.full(count, dark_variance)
     points = _Points(
-        bins.mean,
-        excess,
-        bins.error,
-        fitted,
-        ends,
-        np.full(len(excess), dark_variance),
-        freedom,
-        freedom**-0.5,
-        (np.full((len(excess),) * 2, dark_error**2), np.zeros((len(excess),) * 2)),
+        bins.mean, excess, bins.error, fitted, ends, dark_dn2, freedom, freedom**-0.5, shared
     )
     left_out = bool((within & ~fitted).any())
     return points.fit((clipped or clipped_scene) if left_out else "", [x for x in notes if x])
 
 
 class _Bins(NamedTuple):
-    """Bins of pixels whose means are about equal, (bins,) each.
+    """Bins of pixels with about equal means, shape (bins,) each.
 
-    mean, variance : of the pixels' means [DN] and variances [DN²].  error : standard error of that variance.
-    pixels : in each bin.  clipped : share of the frames in which they are clipped.
+    mean, variance : averages of the pixels [DN, DN²].  error : standard error of the variance.
+    pixels : their number.  clipped : fraction of the frames in which they are clipped.
     """
 
     mean: Float64Array
@@ -234,20 +228,20 @@ class _Bins(NamedTuple):
 
 
 def _bin_pixels(scene: Stack, means: Float64Array, variances: Float64Array) -> _Bins:
-    """Bins of equal width of the pixels' means, without bins of few pixels, (H, W) each.
+    """Return bins of equal width of the pixels' means (H, W), without bins of few pixels.
 
-    Raises InputError where fewer than 5 bins are left.
+    Raises InputError if fewer than 5 bins remain.
     """
     x, variance = means.ravel(), variances.ravel()
     clipped = scene.clipping.shares_of_pixels(scene.frames).ravel()
     width = max(float(np.ptp(x)), 1e-9) / BINS
     index = np.minimum(((x - x.min()) / width).astype(np.intp), BINS - 1)
     counts = np.bincount(index, minlength=BINS).astype(np.float64)
-    kept = counts >= FEWEST_OF_A_BIN
+    kept = counts >= BIN_PIXELS_MIN
     if kept.sum() < 5:
         raise InputError(
-            f"{scene.source}: {kept.sum()} levels of {FEWEST_OF_A_BIN} pixels or more between {x.min():.4g} and "
-            f"{x.max():.4g} DN; pass a scene that runs from darkness to saturation."
+            f"{scene.source}: {kept.sum()} levels of {BIN_PIXELS_MIN} pixels or more between {x.min():.4g} and "
+            f"{x.max():.4g} DN; pass a scene from dark to saturated."
         )
 
     def average(values: Float64Array) -> Float64Array:

@@ -1,12 +1,12 @@
-"""Degree and angle of linear polarisation (DoLP, AoLP) behind a mosaic of polarisers, with error bars.
+"""Degree and angle of linear polarisation (DoLP, AoLP) from a mosaic of polarisers, with errors.
 
-A pixel behind a polariser at θ has I(θ) = S0 + c·(S1 cos 2θ + S2 sin 2θ), with S0 the mean over all angles and the
-contrast c = (r − 1)/(r + 1) of the extinction ratio r. Least squares over the pixels of a tile give S0, S1, S2, and the
-variances of the pixels theirs. DoLP = √(S1² + S2²)/S0 and AoLP = ½ atan2(S2, S1) are then of one tile each.
+A pixel with a polariser at θ has I(θ) = S0 + c·(S1 cos 2θ + S2 sin 2θ), with the mean S0 over all angles and the
+contrast c = (r − 1)/(r + 1) for the extinction ratio r. Least squares over the pixels of a tile give S0, S1, S2 and
+their variances, and then DoLP = √(S1² + S2²)/S0 and AoLP = ½ atan2(S2, S1) of the tile.
 
-Noise alone is polarised: without polarisation the DoLP of normal values with the standard deviation σ has Rayleigh's
-law with the mean σ√(π/2), and with a degree p Rice's law. ``dolp_without_bias`` is the modified asymptotic estimate of
-Plaszczynski et al. 2014, doi 10.1093/mnras/stu270.
+Noise alone seems polarised: the DoLP of normal values with standard deviation σ has a Rayleigh distribution with mean
+σ√(π/2) without polarisation, and a Rice distribution with it. ``dolp_without_bias`` is the modified asymptotic estimate
+of Plaszczynski et al. 2014, doi 10.1093/mnras/stu270.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ if TYPE_CHECKING:
 
 SECTION = "Stokes parameters of a polariser mosaic"
 UNKNOWN_DEG = 180 / math.sqrt(12)
-"""Standard deviation of an angle of which nothing is known: even over 180°."""
+"""Standard deviation of an unknown angle, uniform over 180°."""
 TINY = np.finfo(float).tiny
-MOST_ERRORS = 40.0
-"""Standard errors of DoLP above which it has no bias that a float64 holds."""
+BIASED_SIGMAS_MAX = 40.0
+"""DoLP over its standard error above which its bias is below the resolution of float64."""
 
 
 @dataclass(frozen=True, eq=False)
 class Polarization(Figures):
-    """Maps with one value for each tile of polarisers, (H, W) of tiles, and their means over the picture.
+    """Maps with one value for each tile of polarisers, shape (H, W) in tiles, and means over the image.
 
     s0, s1, s2 : Stokes parameters [DN]; s0 is the mean of the pixels.
-    dolp, dolp_error : degree of linear polarisation as measured, and its standard error.
-    dolp_without_bias : the same without what noise adds on average, 0 or more.
-    aolp_deg, aolp_error_deg : angle, 0 to 180 as the angles of the polarisers count, and its standard error, at most
-        that of an angle of which nothing is known, 52°.
-    mean_dolp, mean_aolp : of the light of all tiles together, whose noise averages out.
-    Where s0 is not positive, DoLP and AoLP are NaN, and all maps where a pixel of the tile is saturated.
+    dolp, dolp_error : measured degree of linear polarisation, and its standard error.
+    dolp_without_bias : the degree without the average contribution of noise, at least 0.
+    aolp_deg, aolp_error_deg : angle from 0 to 180°, as the angles of the polarisers, and its standard error, at most
+        52° as for an unknown angle.
+    mean_dolp, mean_aolp : of the light of all tiles together.
+    DoLP and AoLP are NaN if s0 is not positive; all maps are NaN if a pixel of the tile is saturated.
     """
 
     s0: Float64Array
@@ -59,19 +59,19 @@ class Polarization(Figures):
     mean_aolp: Quantity
 
     def colours(self) -> Float64Array:
-        """A picture, (H, W, 3) from 0 to 1: the angle as hue, red at 0° and cyan at 90°, the degree as brightness."""
+        """Return an image (H, W, 3) from 0 to 1: angle as hue, red at 0° and cyan at 90°, DoLP as brightness."""
         pure = hues(np.nan_to_num(self.aolp_deg))
         value = np.clip(np.nan_to_num(self.dolp_without_bias), 0.0, 1.0)
         return np.asarray(value[..., None] * pure)
 
     def plot(self, ax: Axes) -> None:
-        """The picture of angle and degree."""
+        """Plot the image of angle and degree."""
         ax.imshow(self.colours())
         ax.set(title="AoLP as hue, DoLP as brightness", xticks=[], yticks=[])
 
 
 def hues(aolp_deg: Float64Array) -> Float64Array:
-    """The colours of angles, (…, 3) from 0 to 1: red at 0°, green at 60°, cyan at 90°, blue at 120°."""
+    """Return the colours of angles, shape (…, 3) from 0 to 1: red at 0°, green at 60°, cyan at 90°, blue at 120°."""
     sixths = aolp_deg[..., None] / 30 + np.array([5.0, 3.0, 1.0])
     distance = np.minimum(sixths % 6, 4 - sixths % 6)
     return np.asarray(1 - np.clip(distance, 0.0, 1.0))
@@ -86,16 +86,15 @@ def polarization(
     variance_dn2: ArrayLike | None = None,
     saturation_dn: float | None = None,
 ) -> Polarization:
-    """DoLP and AoLP of the mean of a stack.
+    """Measure DoLP and AoLP in the mean of a stack.
 
-    angles_deg : of the polarisers, rows of a tile that begins at the first pixel, e.g. [[90, 45], [135, 0]]. Colour
-        filters that lie over whole tiles, as on Sony's sensors, leave each tile in one colour.
-    black_dn : level without light, a number or a map (H, W): of dark frames the mean.
-    variance_dn2 : of one frame, a number or (H, W); by default that between the frames, of which there must be two.
-    saturation_dn : code from which on a pixel is saturated, where wells are full below the largest code; a saturated
-        tile would seem not to be polarised at all. By default the largest code of the stack's bits.
-    Raises InputError for what is no stack, for angles that are fewer than three, for frames that are not whole tiles,
-    and without a variance.
+    angles_deg : angles of the polarisers, rows of a tile that begins at the first pixel, e.g. [[90, 45], [135, 0]].
+        With colour filters over whole tiles, as on Sony's sensors, each tile has one colour.
+    black_dn : mean of dark frames, a number or a map (H, W).
+    variance_dn2 : temporal variance of one frame, a number or (H, W). Default: measured between at least two frames.
+    saturation_dn : code from which on a pixel is saturated, if pixels saturate below the full-scale code; a saturated
+        tile would seem unpolarised. Default: full-scale code of the stack's bits.
+    Raises InputError for another type of stack, fewer than three angles, frames of incomplete tiles, and no variance.
     """
     if not isinstance(stack, Stack):
         raise InputError(
@@ -134,7 +133,7 @@ def polarization(
 
 
 def _least_squares(tile: Float64Array, contrast: float) -> Float64Array:
-    """The matrix (3, pixels) that makes Stokes parameters of the pixels of a tile. Raises InputError."""
+    """Return the matrix (3, pixels) from the pixels of a tile to Stokes parameters. Raises InputError."""
     if tile.ndim != 2:
         raise InputError(
             f"angles_deg has shape {tile.shape}; pass rows of angles of a tile, e.g. [[90, 45], [135, 0]]."
@@ -145,14 +144,14 @@ def _least_squares(tile: Float64Array, contrast: float) -> Float64Array:
     )
     if np.linalg.matrix_rank(design, tol=1e-6) < 3:
         raise InputError(
-            f"angles_deg is {tile.tolist()} with a contrast of {contrast:g}; DoLP and AoLP need three different angles "
-            "and polarisers with an extinction ratio above 1."
+            f"angles_deg is {tile.tolist()} with a contrast of {contrast:g}; pass three different angles and an "
+            "extinction ratio above 1."
         )
     return np.asarray(np.linalg.pinv(design))
 
 
 def _map(name: str, values: ArrayLike, stack: Stack, wanted: str) -> Float64Array:
-    """A number or a map (H, W). Raises InputError."""
+    """Return a number or a map (H, W). Raises InputError."""
     wanted += f", or a map {stack.shape}"
     given = finite_numbers(name, values, wanted)
     if given.shape not in ((), stack.shape):
@@ -161,18 +160,18 @@ def _map(name: str, values: ArrayLike, stack: Stack, wanted: str) -> Float64Arra
 
 
 def _in_tiles(name: str, image: Float64Array, tile: tuple[int, ...]) -> Float64Array:
-    """(H, W) → (H of tiles, W of tiles, pixels of a tile). Raises InputError for a part of a tile at the edges."""
+    """Return an image (H, W) as (rows of tiles, columns of tiles, pixels). Raises InputError for incomplete tiles."""
     rows, columns = (n // period for n, period in zip(image.shape, tile, strict=True))
     if not rows or not columns:
         raise InputError(
-            f"{name}: the frames have {image.shape[0]} × {image.shape[1]} pixels, fewer than the tile of polarisers, "
-            f"{tile[0]} × {tile[1]}; pass larger frames."
+            f"{name}: the frames have {image.shape[0]} × {image.shape[1]} pixels, less than a tile of {tile[0]} × "
+            f"{tile[1]} polarisers; pass larger frames."
         )
     whole = rows * tile[0], columns * tile[1]
     if image.shape != whole:
         raise InputError(
-            f"the frames have {image.shape[0]} × {image.shape[1]} pixels, and tiles of polarisers have {tile[0]} × "
-            f"{tile[1]}; cut off what is left at the edges, frames[:, :{whole[0]}, :{whole[1]}]."
+            f"the frames have {image.shape[0]} × {image.shape[1]} pixels, and tiles {tile[0]} × {tile[1]} polarisers; "
+            f"cut off incomplete tiles with frames[:, :{whole[0]}, :{whole[1]}]."
         )
     return (
         image.reshape(rows, tile[0], columns, tile[1])
@@ -182,7 +181,7 @@ def _in_tiles(name: str, image: Float64Array, tile: tuple[int, ...]) -> Float64A
 
 
 def _unclipped(stack: Stack, saturation_dn: float | None) -> Float64Array:
-    """Mean of each pixel; NaN where it is saturated in any frame: by default at the largest code, if that is known."""
+    """Return the mean of each pixel, NaN if it is saturated in any frame."""
     lowest_dn = None if stack.bits is None else 2**stack.bits - 1.0
     if saturation_dn is not None:
         lowest_dn = require(
@@ -194,7 +193,7 @@ def _unclipped(stack: Stack, saturation_dn: float | None) -> Float64Array:
 
 
 def _variance_of_mean(stack: Stack, variance_dn2: ArrayLike | None) -> Float64Array:
-    """Variance of the mean of each pixel, (H, W) [DN²]. Raises InputError."""
+    """Return the variance of the mean of each pixel, shape (H, W) [DN²]. Raises InputError."""
     if variance_dn2 is not None:
         given = _map("variance_dn2", variance_dn2, stack, "variances of a frame, e.g. 25.0 DN²")
         if given.min() < 0:
@@ -204,7 +203,7 @@ def _variance_of_mean(stack: Stack, variance_dn2: ArrayLike | None) -> Float64Ar
         return np.broadcast_to(given, stack.shape) / len(stack)
     if len(stack) < 2:
         raise InputError(
-            f"{stack.source}: one frame shows no noise; pass two frames or more, or variance_dn2, e.g. K·signal + σ²."
+            f"{stack.source}: one frame shows no noise; pass two frames or variance_dn2, e.g. K·signal + σ²."
         )
     return stack.variance / len(stack)
 
@@ -212,18 +211,23 @@ def _variance_of_mean(stack: Stack, variance_dn2: ArrayLike | None) -> Float64Ar
 def _degree_and_angle(
     stokes: Float64Array, covariance: Float64Array
 ) -> tuple[Float64Array, ...]:
-    """DoLP, its standard error, DoLP without bias, AoLP and its standard error [°], of (…, 3) and (…, 3, 3)."""
+    """Return DoLP, its standard error, DoLP without bias, AoLP and its standard error [°].
+
+    stokes : shape (…, 3).  covariance : shape (…, 3, 3).
+    """
     s0, s1, s2 = np.moveaxis(stokes, -1, 0)
     lit = np.where(s0 > 0, s0, np.nan)
     dolp, double = np.hypot(s1, s2) / lit, np.arctan2(s2, s1)
     cosine, sine, zero = np.cos(double), np.sin(double), np.zeros_like(double)
     along = np.stack([-dolp, cosine, sine], axis=-1)  # derivatives of DoLP times S0
-    across = np.stack([zero, -sine, cosine], axis=-1)  # of twice the angle times DoLP·S0
+    across = np.stack(
+        [zero, -sine, cosine], axis=-1
+    )  # derivatives of twice the angle times DoLP·S0
     radial, tangential = (
         np.sqrt(np.einsum("...i,...ij,...j->...", side, covariance, side)) / lit
         for side in (along, across)
     )
-    over_error = np.minimum(dolp / np.maximum(tangential, TINY), MOST_ERRORS)
+    over_error = np.minimum(dolp / np.maximum(tangential, TINY), BIASED_SIGMAS_MAX)
     bias = tangential**2 * -np.expm1(-(over_error**2))
     without_bias = np.maximum(dolp - bias / np.maximum(2 * dolp, TINY), 0.0)
     angle_error = np.degrees(tangential / np.maximum(2 * dolp, TINY))

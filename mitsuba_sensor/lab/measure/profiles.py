@@ -23,11 +23,11 @@ SECTION = "EMVA 1288 R4 8.7"
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Along one direction of an image of H × W pixels.
+    """Profile along one direction of an image of H × W pixels.
 
-    direction : "horizontal", (W,) values of the columns, or "vertical", (H,) values of the rows.
-    mean, smallest, largest, middle : over the pixels of each line, and of the row or column in the middle [DN].
-    slope : of the straight line through the means, over the whole length [DN]: uneven light or a gradient in the dark.
+    direction : "horizontal", with (W,) values of the columns, or "vertical", with (H,) values of the rows.
+    mean, smallest, largest, middle : over the pixels of each line, and of the middle row or column [DN].
+    slope : change of a straight line through the means over the whole length [DN].
     """
 
     direction: str
@@ -38,18 +38,17 @@ class Profile:
     slope: Quantity
 
     def plot(self, ax: Axes) -> None:
-        """The four curves against the number of the pixel."""
+        """Plot the four curves versus the line number."""
         for name in ("largest", "middle", "mean", "smallest"):
             ax.plot(getattr(self, name), lw=1.6 if name == "mean" else 0.8, label=name)
         line = "column" if self.direction == "horizontal" else "row"
-        ax.set(xlabel=f"number of the {line}", ylabel="value [DN]")
+        ax.set(xlabel=f"{line} number", ylabel="value [DN]")
 
 
 def profiles(stack: Stack, dark: Stack | None = None) -> tuple[Profile, Profile]:
-    """Horizontal and vertical profile of the mean of a stack.  dark : what is subtracted, as for PRNU.
+    """Return the horizontal and the vertical profile of the mean of a stack, minus dark frames.
 
-    The means of the lines are without pixels that stand out, and a note says how many these are.
-
+    Outlying pixels are left out of the line means, and a note counts them.
     Raises InputError for a mosaic, and for a dark stack of another size.
     """
     stack.require_one_filter()
@@ -57,7 +56,7 @@ def profiles(stack: Stack, dark: Stack | None = None) -> tuple[Profile, Profile]
     if dark is not None:
         if dark.shape != stack.shape:
             raise InputError(
-                f"the dark frames have shape {dark.shape}, the others {stack.shape}; pass the same size."
+                f"dark has shape {dark.shape} and stack {stack.shape}; pass frames of equal size."
             )
         image = image - dark.mean
         stacks.append(dark)
@@ -67,9 +66,12 @@ def profiles(stack: Stack, dark: Stack | None = None) -> tuple[Profile, Profile]
     def profile(direction: str, along: str, image: Float64Array, mean: Float64Array) -> Profile:
         slope = no_value(f"Δ_{direction}", f"change along the {along}", "DN", SECTION)
         if len(mean) < 3:
-            slope = slope.noted("needs 3 lines at least")
+            slope = slope.noted("needs at least 3 lines")
         else:
-            slope = slope.with_interval(_slope(mean))
+            # The interval comes from the scatter of the lines, which includes their fixed pattern.
+            place = np.linspace(-0.5, 0.5, len(mean))
+            line = straight_line(place, mean, np.full(len(mean), np.nan))
+            slope = slope.with_interval(line.interval)
         slope = mark_clipped(slope.noted(note), *stacks)
         middle = image[image.shape[0] // 2]
         return Profile(direction, mean, image.min(axis=0), image.max(axis=0), middle, slope)
@@ -78,13 +80,3 @@ def profiles(stack: Stack, dark: Stack | None = None) -> tuple[Profile, Profile]
         profile("horizontal", "rows", image, filled.mean(axis=0)),
         profile("vertical", "columns", image.T, filled.mean(axis=1)),
     )
-
-
-def _slope(mean: Float64Array) -> tuple[float, float, float]:
-    """(value, low, high) of a straight line over its length, by least squares.
-
-    The interval is from the scatter of the lines about it, which FPN of lines makes.
-    """
-    place = np.linspace(-0.5, 0.5, len(mean))
-    line = straight_line(place, mean, np.full(len(mean), np.nan))
-    return line.interval

@@ -1,4 +1,4 @@
-"""Radiometric function: mean and noise against light, responsivity R, quantum efficiency, linearity error LE."""
+"""Radiometric function: mean and noise versus light, responsivity R, quantum efficiency η, linearity error LE."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...core.types import Float64Array
 from ..frames.clipping import note_left_out
 from ..frames.series import Series
-from ..quantity import Figures, Quantity, no_value, quotient, unknown
+from ..quantity import Figures, Quantity, no_value, quotient
 from ..statistics.line_fits import line_through_origin
 from .photon_transfer import set_log_axes
 from .saturation import Peak, find_peak
@@ -22,33 +22,34 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 FITTED = 0.05, 0.7
-"""Part of the saturation signal over which R is fitted: EMVA 1288 R4 6.6 ends at 70 %; below 5 % the dark level counts.
-"""
+"""Fractions of the saturation signal between which R is fitted: EMVA 1288 R4 6.6 ends at 70 %; below 5 % the dark level
+matters."""
 LINEAR = 0.05, 0.95
-"""Part of the saturation signal over which the linearity error is averaged, EMVA 1288 R4 6.7."""
-MOST_EFFICIENT = 0.9
+"""Fractions of the saturation signal between which the linearity error is averaged (EMVA 1288 R4 6.7)."""
+EFFICIENCY_USUAL_MAX = 0.9
 """Quantum efficiency that few sensors exceed."""
 TOO_EFFICIENT = "more electrons than photons"
-"""In the note of a quantum efficiency above 1, which has no value."""
+"""Part of the note of a quantum efficiency above 1, which has no value."""
 EFFICIENCY = no_value("η", "quantum efficiency", "", "EMVA 1288 R4 2.1")
-FEWEST_FOR_STRAY = 6
-"""Levels of which one can be said to be off the curve of the others."""
-MOST_STRAY = 0.2
-"""Share of the levels up to which those that are off are named; of more, the light is what scatters."""
-STRAY_LIMIT = 8.0
-"""Distance from the curve, over its own standard error and over the robust σ of all distances, from which on a level is
-off: light that scatters, of whatever distribution, has no such level."""
-LEAST_STRAY = 0.002
-"""Smallest distance from the curve that is named: more than a smooth curve has between neighbouring levels."""
+STRAY_LEVELS_MIN = 6
+"""Smallest number of levels among which a stray level can be found."""
+STRAY_FRACTION_MAX = 0.2
+"""Largest fraction of stray levels; if more levels are off, the light scatters."""
+STRAY_SIGMAS = 8.0
+"""Distance of a stray level from the curve, in its standard errors and in the robust σ of all distances; light that
+scatters has no such level, whatever its distribution."""
+STRAY_MIN = 0.002
+"""Smallest relative distance of a stray level: more than a smooth curve has between neighbouring levels."""
 STRAY_CANDIDATES = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Radiometric(Figures):
-    """responsivity : R [DN/p], or [DN/s] where photons are not known.  linearity_error : LE [%].
+    """Response to light.
 
+    responsivity : R [DN/p] or, if photons are unknown, [DN/s].  linearity_error : LE [%].
     light : photons per pixel or exposure times [s].  signal, noise : mean minus dark mean, and standard deviation [DN].
-    deviation : of the signal from the line through 5 to 95 % of saturation [%], NaN outside.
+    deviation : of the signal from the line between 5 and 95 % of saturation [%], NaN outside.
     """
 
     responsivity: Quantity
@@ -60,24 +61,24 @@ class Radiometric(Figures):
     photons_known: bool
 
     def efficiency(self, gain: Quantity) -> Quantity | None:
-        """η = R / K (EMVA 1288 R4 2.1), None where photons are not known.
+        """Return η = R / K (EMVA 1288 R4 2.1), or None if photons are unknown.
 
-        It has no value where it is above 1, and the note says what unit the photons may have.
+        Above 1 it has no value, and the note suggests the unit of the photons.
         """
         if not self.photons_known:
             return None
         efficiency = quotient(self.responsivity, gain, EFFICIENCY)
         if efficiency.low > 1:
-            return unknown(efficiency, _note_other_unit(efficiency.value))
+            return EFFICIENCY.noted(_note_other_unit(efficiency.value))
         return efficiency
 
     @property
     def light_label(self) -> str:
-        """Label of the axis on which the light is drawn."""
+        """Axis label of the light."""
         return "photons per pixel" if self.photons_known else "exposure time [s]"
 
     def plot(self, axes: Axes, log: bool = False) -> None:
-        """Signal and noise against light, with the line of R; log for both axes logarithmic."""
+        """Plot signal and noise versus light, with the line of R.  log : True for logarithmic axes."""
         axes.plot(self.light, self.signal, "o", markersize=3, label="mean − dark mean")
         axes.plot(self.light, self.noise, "s", markersize=3, label="standard deviation")
         slope = self.responsivity.value
@@ -89,21 +90,21 @@ class Radiometric(Figures):
             set_log_axes(axes)
 
     def plot_deviation(self, axes: Axes) -> None:
-        """Relative deviation from the line of the linearity error."""
+        """Plot the relative deviation from the line of the linearity error."""
         axes.plot(self.light, self.deviation, "o-", ms=3, lw=1, label="deviation")
         axes.axhline(0, color="black", lw=1, label="line")
         axes.set(xlabel=self.light_label, ylabel="deviation from the line [%]")
 
 
 def radiometric(measured: Series) -> Radiometric:
-    """Response of flat fields and dark frames to photons, or to the exposure time where photons are not known."""
+    """Measure the response of flat fields to photons or, if unknown, to the exposure time."""
     unit = "DN/p" if measured.photons_known else "DN/s"
     responsivity = no_value("R", "responsivity", unit, "EMVA 1288 R4 6.6")
     error = no_value("LE", "linearity error", "%", "EMVA 1288 R4 6.7")
     light, deviation = measured.light, np.full(len(measured.flats), math.nan)
     if len(set(light.tolist())) < 2 and len(light) > 1:
-        nothing = "neither photons nor exposure times tell the levels apart"
-        responsivity, error = unknown(responsivity, nothing), unknown(error, nothing)
+        nothing = "neither photons nor exposure times distinguish the levels"
+        responsivity, error = responsivity.noted(nothing), error.noted(nothing)
     else:
         ends = find_peak(measured)
         stray, note = find_stray(measured, ends)
@@ -121,15 +122,15 @@ def radiometric(measured: Series) -> Radiometric:
 
 
 def _note_other_unit(efficiency: float) -> str:
-    """What unit the photons may have where more electrons than photons are measured."""
-    smallest_um, largest_um = (math.sqrt(efficiency / least) for least in (MOST_EFFICIENT, 0.2))
+    """Return a guess of the unit of the photons if there are more electrons than photons."""
+    smallest_um, largest_um = (
+        math.sqrt(efficiency / least) for least in (EFFICIENCY_USUAL_MAX, 0.2)
+    )
     guess = "is the photodiode calibrated for this wavelength?"
     if efficiency > 100:
-        guess = (
-            f"these may be thousands of photons, or per µm² of a pixel of {smallest_um:.2g} µm"
-        )
+        guess = f"are they thousands of photons, or per µm² of a pixel of {smallest_um:.2g} µm?"
     elif efficiency > 1.5:
-        guess = f"these may be per µm², of a pixel of {smallest_um:.2g} to {largest_um:.2g} µm"
+        guess = f"are they per µm², of a pixel of {smallest_um:.2g} to {largest_um:.2g} µm?"
     return (
         f"it would be {efficiency:.3g}, {TOO_EFFICIENT}: photons must be per pixel and exposure, and are "
         f"at least {efficiency:.3g} times as many; {guess}"
@@ -139,18 +140,15 @@ def _note_other_unit(efficiency: float) -> str:
 def stray_levels(
     light: Float64Array, signal: Float64Array, errors: Float64Array
 ) -> dict[int, float]:
-    """Numbers of the levels that are off the curve of the others, and the share of the signal by which they are.
+    """Return the numbers of levels that are off the curve of the other levels, with their relative distances.
 
-    light, signal, errors : of levels in ascending order, (n,).  errors : standard errors of the signals [DN].
+    light, signal, errors : of levels in ascending order, shape (n,); standard errors of the signals [DN].
 
-    Every level is compared with the straight line through its two neighbours, so that a smooth curve is no reason. Of
-    the levels that are most off, that is taken out without which the others are least off, and so on.
+    Each level is compared with the line through its two neighbours, so a smooth curve has no stray levels. Among the
+    most distant levels, the one whose removal leaves the smallest distances is removed first.
     """
-    if len(light) < FEWEST_FOR_STRAY:
-        return {}
-    kept = np.arange(len(light))
-    found: list[int] = []
-    while len(kept) >= FEWEST_FOR_STRAY and len(found) <= MOST_STRAY * len(light):
+    kept, stray = np.arange(len(light)), list[int]()
+    while len(kept) >= STRAY_LEVELS_MIN and len(stray) <= STRAY_FRACTION_MAX * len(light):
         score = _stray_scores(light[kept], signal[kept], errors[kept])
         if score.max() < 1:
             break
@@ -158,21 +156,22 @@ def stray_levels(
         rest = [np.delete(kept, place) for place in candidates]
         worst = [_stray_scores(light[k], signal[k], errors[k]).max() for k in rest]
         best = int(np.argmin(worst))
-        found.append(int(kept[candidates[best]]))
+        stray.append(int(kept[candidates[best]]))
         kept = rest[best]
-    if not found or len(found) > max(1.0, MOST_STRAY * len(light)):
+    if not stray or len(stray) > max(1.0, STRAY_FRACTION_MAX * len(light)):
         return {}
     _, first = np.unique(light[kept], return_index=True)
     line = scipy.interpolate.make_interp_spline(light[kept][first], signal[kept][first], k=1)
-    curve = line(light)
-    return {number: float(signal[number] / curve[number] - 1) for number in sorted(found)}
+    return {number: float(signal[number] / line(light[number]) - 1) for number in sorted(stray)}
 
 
 def _stray_scores(
     light: Float64Array, signal: Float64Array, errors: Float64Array
 ) -> Float64Array:
-    """Distances of levels, at least 3, from the line through their neighbours, or the next two at an end, over σ and
-    over the limit: a level with 1 or more is off, (n,)."""
+    """Return distances of at least 3 levels from the line through their neighbours, over the limit, shape (n,).
+
+    An end is compared with the next two levels. A score of 1 or more means a stray level.
+    """
     number = np.arange(len(light))
     first = np.clip(number - 1, 0, None)
     second = np.clip(number + 1, None, len(light) - 1)
@@ -180,65 +179,60 @@ def _stray_scores(
     step = np.maximum(light[second] - light[first], 1e-300)
     weight = (light - light[first]) / step
     share = (signal - (1 - weight) * signal[first] - weight * signal[second]) / signal
-    own = np.sqrt(
+    error = np.sqrt(
         errors**2 + ((1 - weight) * errors[first]) ** 2 + (weight * errors[second]) ** 2
     )
     grown = np.sqrt(1 + (1 - weight) ** 2 + weight**2)
     scatter = 1.4826 * float(np.median(np.abs(share / grown)))
-    limit = STRAY_LIMIT * np.maximum(scatter * grown, own / signal)
-    return np.asarray(np.abs(share) / np.maximum(limit, LEAST_STRAY))
+    limit = STRAY_SIGMAS * np.maximum(scatter * grown, error / signal)
+    return np.asarray(np.abs(share) / np.maximum(limit, STRAY_MIN))
 
 
 def find_stray(measured: Series, ends: Peak) -> tuple[NDArray[np.bool_], str]:
-    """Which levels between 5 and 70 % of saturation have another light than is stated, and a note about them."""
-    moving = measured.of_flats("variance") > 0  # a stuck code does not tell the light
-    within = _select_levels(measured, ends, FITTED)
-    used = np.flatnonzero(within & measured.inside & moving)
+    """Return a mask of levels between 5 and 70 % of saturation whose light is not as stated, and a note on them."""
+    moving = measured.of_flats("variance") > 0  # a stuck code does not show the light
+    used = np.flatnonzero(_select_levels(measured, ends, FITTED) & measured.inside & moving)
     errors = np.hypot(measured.of_flats("light_error"), measured.of_darks("light_error"))
-    found = stray_levels(measured.light[used], measured.signal[used], errors[used])
+    stray = stray_levels(measured.light[used], measured.signal[used], errors[used])
     off = np.zeros(len(measured.flats), bool)
     texts: list[str] = []
-    for number, share in found.items():
+    for number, share in stray.items():
         level = measured.flats[used[number]]
         light = (
-            f"{level.exposure_s:.4g} s"
-            if level.photons is None
-            else f"{level.photons:.4g} photons"
+            f"{level.photons:.4g} photons"
+            if level.photons is not None
+            else f"{level.exposure_s:.4g} s"
         )
         texts.append(f"{level.source} is {100 * share:+.3g} % off the others at {light}")
         off[used[number]] = True
-    if not texts:
-        return off, ""
-    return off, f"left out, because their light is not what is stated: {'; '.join(texts)}"
+    return (
+        off,
+        f"left out, because the light is not as stated: {'; '.join(texts)}" if texts else "",
+    )
 
 
 def _select_levels(
     measured: Series, ends: Peak, part: tuple[float, float]
 ) -> NDArray[np.bool_]:
-    """Which levels are lit and within this part of the saturation signal."""
+    """Return a mask of the levels that are lit and within this part of the saturation signal."""
     share = measured.signal / max(ends.mean[0], 1e-300)
     within = (share >= part[0]) & (share <= part[1])
     return np.asarray(within & (measured.light > 0) & (measured.signal > 0))
 
 
-def _covariance(measured: Series) -> Float64Array:
-    """Covariance of the signals of all flat fields [DN²]: flats of one exposure time share their dark frames."""
-    own = np.maximum(measured.of_flats("light_error"), 1e-9 * np.abs(measured.signal))
-    shared = measured.shared(measured.of_darks("light_error"))
-    return np.asarray(np.diag(np.maximum(own, 1e-12) ** 2) + shared)
-
-
 def _responsivity(
     measured: Series, ends: Peak, stray: NDArray[np.bool_], like: Quantity
 ) -> Quantity:
-    """R: slope of the line through the origin, without stray levels."""
+    """Return R, the slope of the line through the origin without stray levels."""
     used = _select_levels(measured, ends, FITTED) & ~stray
     clipped = measured.why_clipped(used)
     used &= measured.inside
     if not used.any():
         few = clipped or "no level lies between 5 and 70 % of saturation"
-        return unknown(like, few, bool(clipped))
-    covariance = _covariance(measured)[np.ix_(used, used)]
+        return like.without_value(few, bool(clipped))
+    errors = np.maximum(measured.of_flats("light_error"), 1e-9 * np.abs(measured.signal))
+    shared = measured.shared(measured.of_darks("light_error"))  # by the same dark frames
+    covariance = (np.diag(np.maximum(errors, 1e-12) ** 2) + shared)[np.ix_(used, used)]
     line = line_through_origin(measured.light[used], measured.signal[used], covariance)
     responsivity = like.with_interval((line.slope, line.low, line.high))
     return responsivity.noted(line.note).noted(note_left_out(clipped))
@@ -247,9 +241,9 @@ def _responsivity(
 def _linearity(
     measured: Series, ends: Peak, stray: NDArray[np.bool_], like: Quantity
 ) -> tuple[Quantity, Float64Array]:
-    """LE: mean |y - ŷ|/ŷ over 5 to 95 % of saturation, about a line a + bH whose relative deviations are least.
+    """Return LE, the mean of |y − ŷ|/ŷ over 5 to 95 % of saturation, for a line with the least relative deviations.
 
-    Noise of the means e moves it by at most the mean of |e|/ŷ, which is the half width of the interval.
+    Noise e of the means changes LE by at most the mean of |e|/ŷ, which is half the width of the interval.
     """
     deviation = np.full(len(measured.light), math.nan)
     used = _select_levels(measured, ends, LINEAR) & ~stray
@@ -257,7 +251,7 @@ def _linearity(
     used &= measured.inside
     if used.sum() < 3:
         few = f"{used.sum()} levels lie between 5 and 95 % of saturation; 3 are needed"
-        return unknown(like, clipped or few, bool(clipped)), deviation
+        return like.without_value(clipped or few, bool(clipped)), deviation
     x, y = measured.light[used], measured.signal[used]
     coefficients = np.polynomial.polynomial.polyfit(x, y, 1, w=1 / y)
     line = np.polynomial.polynomial.polyval(x, coefficients)
@@ -265,7 +259,7 @@ def _linearity(
     value = float(np.abs(deviation[used]).mean())
     errors = np.hypot(measured.of_flats("light_error"), measured.of_darks("light_error"))
     noise = 100 * errors[used] / line
-    # mean and standard deviation of |e| of normal e: sqrt(2/π) and sqrt(1 - 2/π) times σ
+    # Mean and standard deviation of |e| of normal e: √(2/π) and √(1 − 2/π) times σ.
     half = math.sqrt(2 / math.pi) * float(noise.mean())
     half += 1.645 * math.sqrt(1 - 2 / math.pi) * float(np.sqrt((noise**2).sum())) / len(noise)
     error = like.with_interval((value, max(0.0, value - half), value + half))

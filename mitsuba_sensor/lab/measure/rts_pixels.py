@@ -1,10 +1,10 @@
-"""Random telegraph signal (RTS) pixels: two levels over the frames of a dark stack, their distance and their share."""
+"""Random telegraph signal (RTS) pixels: two levels over the frames of a dark stack, with their step and duty."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy
@@ -20,37 +20,34 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SECTION = "likelihood ratio of two levels and one"
-FEWEST_FRAMES, FEWEST_IN_A_LEVEL = 8, 3
-"""Of a stack; and of a level: one or two frames above all others are a particle's."""
+FRAMES_MIN = 8
+LEVEL_FRAMES_MIN = 3
+"""Smallest number of frames in a level: particles brighten one or two frames."""
 TAIL = 4.0
-"""Of normal values, twice the logarithm of the likelihood ratio exceeds x in at most 4·exp(−x/2) of the pixels: 1.9 was
-found for 128 frames and less for fewer, of 60 000 to 200 000 pixels each."""
-SCREEN = 1e-3
-"""Share of quiet pixels whose variance is large enough for a fit."""
-LARGEST_SPLIT = 1 - 2 / math.pi
-"""Variance within two halves of normal values over the whole; two levels have less."""
-APART = 2.5
-"""Distance in σ below which two levels may be one skewed distribution: up to 2 they have one maximum."""
+"""For normal values, twice the logarithm of the likelihood ratio exceeds x with a probability of at most 4·exp(−x/2);
+128 frames had a factor of 1.9, fewer frames less, in 60 000 to 200 000 pixels each."""
+SCREENED = 1e-3
+"""Fraction of quiet pixels whose variance is large enough for a fit."""
+SPLIT_VARIANCE_MAX = 1 - 2 / math.pi
+"""Variance within two halves of normal values over the whole variance; two levels have less."""
+STEP_SIGMAS_MIN = 2.5
+"""Smallest distance of two levels in σ; two normal distributions closer than 2σ have a single maximum."""
 TWO_CODES_DN2 = 0.25
-"""Variance of a constant that noise rounds to two codes as often: quiet integer frames have pixels of that and of 0."""
-MOST_BARS = 20
-"""Standard errors in a plot."""
-PIXELS = 4096
-"""Fitted at once: a bound of the memory."""
+"""Variance of a constant that noise rounds equally often to two codes."""
+PIXELS_AT_ONCE = 4096
 STEPS = 40
-"""Steps of expectation and maximisation."""
-LEAST_SIGMA_DN = 0.41
-"""Of a level of whole codes: two neighbouring codes are then closer than APART and no two levels."""
+"""Number of steps of expectation and maximisation."""
+SIGMA_MIN_DN = 0.41
+"""Smallest σ of a level of whole codes: two neighbouring codes are then too close to be two levels."""
 
 
 @dataclass(frozen=True, eq=False)
 class TelegraphPixels(Figures):
     """K pixels with two levels.
 
-    fraction : of all pixels [%].  step : median of the distances of the two levels [DN].
-    rows, columns : places, (K,).  steps, step_errors : distances and standard errors, (K,) in the unit of ``step``.
-    shares, share_errors : of the frames in the upper level, (K,), with switching that is slower than the frames.
-    detectable : step of a pixel that is in both levels equally long, from which on most are found.
+    fraction : of all pixels [%].  step : median distance of the two levels [DN].
+    rows, columns : places, shape (K,).  steps : distances in the unit of ``step``.  shares : fractions of the frames in
+    the upper level.  detectable : step from which on most pixels with equally long levels are found.
     """
 
     fraction: Quantity
@@ -58,74 +55,61 @@ class TelegraphPixels(Figures):
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
     steps: Float64Array
-    step_errors: Float64Array
     shares: Float64Array
-    share_errors: Float64Array
     detectable: float
 
     def plot(self, ax: Axes) -> None:
-        """Share of the frames in the upper level against the step, with standard errors of some."""
-        every = slice(None, None, max(1, len(self.steps) // MOST_BARS))
+        """Plot the fraction of frames in the upper level versus the step."""
         ax.plot(self.steps, self.shares, ".", ms=4, label="RTS pixels")
-        ax.errorbar(
-            self.steps[every],
-            self.shares[every],
-            self.share_errors[every],
-            self.step_errors[every],
-            fmt="none",
-            elinewidth=0.5,
-            ecolor="0.6",
-            label="standard errors",
-        )
         ax.axvline(self.detectable, color="0.4", ls="--", lw=1, label="detectable step")
         ax.set(
             xlabel=f"step [{self.step.unit}]",
-            ylabel="share of the frames in the upper level",
+            ylabel="fraction of the frames in the upper level",
             ylim=(0, 1),
         )
 
 
 def rts_pixels(stack: Stack, false_alarm: float = 0.01) -> TelegraphPixels:
-    """RTS pixels of 8 dark frames or more, without what whole frames share.
+    """Find RTS pixels in at least 8 dark frames, without fluctuations of whole frames.
 
-    false_alarm : probability that one pixel or more of a stack without RTS is named, if temporal noise is normal.
-    Pixels whose variance is small, or whose levels are closer than 2.5 σ, are not found.
-    Raises InputError for a mosaic, fewer frames, and a false alarm that is no probability.
+    false_alarm : probability of one or more false RTS pixels in a stack with normal temporal noise.
+    Pixels with a small variance, or with levels closer than 2.5 σ, are not found.
+    Raises InputError for a mosaic, fewer frames, and an impossible probability.
     """
     stack.require_one_filter()
     frames, pixels = len(stack), stack.mean.size
-    if frames < FEWEST_FRAMES or not 0 < false_alarm < 1:
+    if frames < FRAMES_MIN or not 0 < false_alarm < 1:
         raise InputError(
-            f"{frames} frames and false_alarm {false_alarm!r}; RTS pixels need at least {FEWEST_FRAMES} frames and "
-            "a probability between 0 and 1."
+            f"stack has {frames} frames and false_alarm is {false_alarm!r}; pass at least {FRAMES_MIN} frames and a "
+            "probability between 0 and 1."
         )
     quiet_dn2 = float(np.median(stack.variance))
     if stack.frames.dtype.kind != "f":
         quiet_dn2 = max(quiet_dn2, TWO_CODES_DN2)
     limit = 2 * math.log(TAIL * pixels / false_alarm)
-    screen = quiet_dn2 * scipy.special.chdtri(frames - 1, SCREEN) / (frames - 1)
+    screen = quiet_dn2 * scipy.special.chdtri(frames - 1, SCREENED) / (frames - 1)
     places = np.argwhere((stack.variance > screen) & (stack.variance > 0))
-    parts = [places[begin : begin + PIXELS] for begin in range(0, len(places), PIXELS)]
-    tables = [_fit_pixels(stack, part, quiet_dn2, limit) for part in parts]
-    table = np.concatenate([np.zeros((6, 0)), *tables], axis=1)
-    rows, columns, steps, step_errors, shares, share_errors = table
-    detectable = _detectable_step(quiet_dn2, limit, frames)
-    share = share_interval(table.shape[1] / pixels, pixels)
-    fraction = Quantity("RTS", "share of RTS pixels", *share, "", SECTION).scaled(100, "%")
+    tables = [
+        _fit_pixels(stack, places[begin : begin + PIXELS_AT_ONCE], quiet_dn2, limit)
+        for begin in range(0, len(places), PIXELS_AT_ONCE)
+    ]
+    rows, columns, steps, shares = np.concatenate([np.zeros((4, 0)), *tables], axis=1)
+    # A pixel that is equally long in both levels: N·(ln(1 + A²/4σ²) − 2 ln 2) reaches the limit.
+    detectable = 2 * math.sqrt(quiet_dn2 * math.expm1(limit / frames + 2 * math.log(2)))
+    share = share_interval(len(steps) / pixels, pixels)
+    fraction = Quantity("RTS", "fraction of RTS pixels", *share, "", SECTION).scaled(100, "%")
     fraction = fraction.noted(
         f"steps below about {detectable:.3g} DN are not found with {frames} frames"
     )
-    median = _median_with_interval(table[2])
+    median = _median_with_interval(steps)
     step = Quantity("ΔRTS", "median step of the RTS pixels", *median, "DN", SECTION)
     return TelegraphPixels(
         mark_clipped(fraction, stack),
-        mark_clipped(step.noted("" if table.shape[1] else "no RTS pixels"), stack),
+        mark_clipped(step.noted("" if len(steps) else "no RTS pixels"), stack),
         rows.astype(np.intp),
         columns.astype(np.intp),
         steps,
-        step_errors,
         shares,
-        share_errors,
         detectable,
     )
 
@@ -133,40 +117,38 @@ def rts_pixels(stack: Stack, false_alarm: float = 0.01) -> TelegraphPixels:
 def _fit_pixels(
     stack: Stack, places: NDArray[np.intp], quiet_dn2: float, limit: float
 ) -> Float64Array:
-    """Rows, columns, steps and shares with errors of the pixels among these that have two levels, (6, K)."""
+    """Return rows, columns, steps and upper fractions of those pixels that have two levels, shape (4, K)."""
     drift = stack.frame_means - stack.frame_means.mean()
     whole = stack.frames.dtype.kind != "f" and float(np.ptp(drift)) < 0.5
-    values = stack.frames[:, *places.T].T - (0.0 if whole else drift)
-    split, _ = _best_split(np.sort(values, axis=1))
-    values, places = values[split < LARGEST_SPLIT], places[split < LARGEST_SPLIT]
+    values = np.sort(stack.frames[:, *places.T].T - (0.0 if whole else drift), axis=1)
+    within, _ = _best_split(values)
+    values, places = values[within < SPLIT_VARIANCE_MAX], places[within < SPLIT_VARIANCE_MAX]
     if not len(values):
-        return np.zeros((6, 0))
-    fit = _two_levels(values, max(0.5 * math.sqrt(quiet_dn2), LEAST_SIGMA_DN if whole else 0.1))
-    step = fit.upper - fit.lower
+        return np.zeros((4, 0))
+    fit = _two_levels(values, max(0.5 * math.sqrt(quiet_dn2), SIGMA_MIN_DN if whole else 0.1))
     frames_in_rarer_level = np.minimum(fit.share, 1 - fit.share) * len(stack)
-    chosen = (fit.gain > limit) & (step > APART * fit.sigma)
-    chosen &= frames_in_rarer_level > FEWEST_IN_A_LEVEL - 0.5
-    step_errors, share_errors = _errors(fit, values)
-    table = np.array([*places.T, step, step_errors, fit.share, share_errors])
-    return np.asarray(table[:, chosen])
+    chosen = (fit.gain > limit) & (fit.step > STEP_SIGMAS_MIN * fit.sigma)
+    chosen &= frames_in_rarer_level > LEVEL_FRAMES_MIN - 0.5
+    return np.asarray(np.array([*places.T, fit.step, fit.share])[:, chosen])
 
 
-@dataclass(frozen=True, eq=False)
-class TwoLevels:
-    """Of K pixels: the two levels and their common σ [DN], the share of the frames in the upper one, and by how much
-    twice the log-likelihood exceeds that of one normal distribution; each (K,)."""
+class _TwoLevels(NamedTuple):
+    """Fitted levels of K pixels, shape (K,) each.
 
-    lower: Float64Array
-    upper: Float64Array
+    step, sigma : distance and common σ of the levels [DN].  share : fraction of the frames in the upper level.
+    gain : twice the gain in log-likelihood over one normal distribution.
+    """
+
+    step: Float64Array
     sigma: Float64Array
     share: Float64Array
     gain: Float64Array
 
 
 def _best_split(values: Float64Array) -> tuple[Float64Array, NDArray[np.intp]]:
-    """Least variance within two groups of the sorted values, over the whole variance, and the size of the lower group.
+    """Return the least variance within two groups over the whole variance, and the size of the lower group.
 
-    values : (K, N), sorted along N.
+    values : shape (K, N), sorted along N.
     """
     count = values.shape[1]
     rest = values - values.mean(axis=1, keepdims=True)
@@ -177,12 +159,11 @@ def _best_split(values: Float64Array) -> tuple[Float64Array, NDArray[np.intp]]:
     return 1 - between.max(axis=1) / total, between.argmax(axis=1) + 1
 
 
-def _two_levels(values: Float64Array, least_sigma: float) -> TwoLevels:
-    """Two levels with normal noise fitted to (K, N) values by expectation and maximisation.
+def _two_levels(values: Float64Array, sigma_min: float) -> _TwoLevels:
+    """Fit two levels with normal noise to sorted values (K, N) by expectation and maximisation.
 
-    least_sigma : of each level [DN]; without one, levels of few values have any likelihood.
+    sigma_min : smallest σ of a level [DN]; without it, levels of few values have any likelihood.
     """
-    values = np.sort(values, axis=1)
     _, low_count = _best_split(values)
     up = (np.arange(values.shape[1]) >= low_count[:, None]).astype(np.float64)
     for _ in range(STEPS):
@@ -190,38 +171,20 @@ def _two_levels(values: Float64Array, least_sigma: float) -> TwoLevels:
         upper = (up * values).mean(axis=1, keepdims=True) / share
         lower = ((1 - up) * values).mean(axis=1, keepdims=True) / (1 - share)
         square = up * np.square(values - upper) + (1 - up) * np.square(values - lower)
-        sigma = np.maximum(np.sqrt(square.mean(axis=1, keepdims=True)), least_sigma)
+        sigma = np.maximum(np.sqrt(square.mean(axis=1, keepdims=True)), sigma_min)
         in_upper = np.log(share) - 0.5 * np.square((values - upper) / sigma)
         in_lower = np.log(1 - share) - 0.5 * np.square((values - lower) / sigma)
         up = scipy.special.expit(in_upper - in_lower)
     two = (np.logaddexp(in_upper, in_lower) - np.log(sigma)).sum(axis=1)
-    one_sigma = np.maximum(values.std(axis=1, keepdims=True), least_sigma)
-    rest = (values - values.mean(axis=1, keepdims=True)) / one_sigma
-    one = (-0.5 * np.square(rest) - np.log(one_sigma)).sum(axis=1)
-    lower, upper, sigma, share = (part[:, 0] for part in (lower, upper, sigma, share))
-    return TwoLevels(lower, upper, sigma, share, gain=2 * (two - one))
-
-
-def _errors(fit: TwoLevels, values: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Standard errors of the step, and of the share of the upper level.
-
-    Of a level that lasts, the share has (1 + ρ)/(1 − ρ) times the variance of independent frames.
-    """
-    frames = values.shape[1]
-    step = fit.sigma * np.sqrt(1 / (fit.share * frames) + 1 / ((1 - fit.share) * frames))
-    state = (values > 0.5 * (fit.lower + fit.upper)[:, None]).astype(np.float64)
-    rest = state - state.mean(axis=1, keepdims=True)
-    power = np.maximum(np.square(rest).sum(axis=1), 1e-300)
-    lasting = np.clip((rest[:, 1:] * rest[:, :-1]).sum(axis=1) / power, 0, 0.98)
-    share = np.sqrt(fit.share * (1 - fit.share) / frames * (1 + lasting) / (1 - lasting))
-    return step, share
+    single = np.maximum(values.std(axis=1, keepdims=True), sigma_min)
+    rest = (values - values.mean(axis=1, keepdims=True)) / single
+    one = (-0.5 * np.square(rest) - np.log(single)).sum(axis=1)
+    step, sigma, share = (column[:, 0] for column in (upper - lower, sigma, share))
+    return _TwoLevels(step, sigma, share, 2 * (two - one))
 
 
 def _median_with_interval(steps: Float64Array) -> tuple[float, float, float]:
-    """Median, with the order statistics that contain it in 95 % of all samples.
-
-    Fewer than 6 steps give the smallest and the largest.
-    """
+    """Return the median and the order statistics that contain it in 95 % of all samples; all of fewer than 6 steps."""
     if not steps.size:
         return math.nan, math.nan, math.nan
     ordered = np.sort(steps)
@@ -229,8 +192,3 @@ def _median_with_interval(steps: Float64Array) -> tuple[float, float, float]:
     if len(steps) > 5:
         beyond = int(scipy.special.bdtrik(0.025, len(steps), 0.5))
     return float(np.median(ordered)), float(ordered[beyond]), float(ordered[-1 - beyond])
-
-
-def _detectable_step(quiet_dn2: float, limit: float, frames: int) -> float:
-    """Step A of a pixel that is as long in both levels: N·(ln(1 + A²/4σ²) − 2 ln 2) reaches the limit."""
-    return 2 * math.sqrt(quiet_dn2 * math.expm1(limit / frames + 2 * math.log(2)))

@@ -1,4 +1,4 @@
-"""Spectrograms of rows and columns, and how far their noise is from white (EMVA 1288 A2.01 7.3.2)."""
+"""Spectrograms of rows and columns, and the whiteness of their noise (EMVA 1288 A2.01 7.3.2)."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SECTION = "EMVA 1288 A2.01 7.3.2"
-LINES = 64
-"""Lines that are transformed at once: a bound of the memory."""
+LINES_AT_ONCE = 64
+"""Number of lines that are transformed at once, which limits memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class Spectrogram:
-    """Rms over lines of their Fourier amplitude, normalised so that its mean square is the variance of the image.
+    """Rms over lines of the Fourier amplitude, normalised so its mean square is the variance of the image.
 
     direction : "horizontal" (along the rows) or "vertical" (along the columns).
     frequency : 0 to 0.5, (N + 1,) [cycles per pixel], N the length of a line.
     amplitude : S at these frequencies, (N + 1,) [DN].
-    non_whiteness : F = mean S² / (median S)², 1 for white noise, 1.4427 for lines that are all the same.
+    non_whiteness : F = mean S² / (median S)², 1 for white noise, 1.4427 for equal lines.
     """
 
     direction: str
@@ -39,7 +39,7 @@ class Spectrogram:
     non_whiteness: Quantity
 
     def plot(self, ax: Axes) -> None:
-        """S against frequency, and the median of S, which is its white part."""
+        """Plot S versus frequency, and the median of S, which is its white part."""
         ax.plot(self.frequency, self.amplitude, lw=0.8, label=self.direction)
         ax.axhline(float(np.median(self.amplitude)), color="0.4", ls="--", lw=1, label="median")
         ax.set(xlabel="spatial frequency [cycles/pixel]", ylabel="amplitude S [DN]")
@@ -48,33 +48,30 @@ class Spectrogram:
 
 
 def spectrograms(image: Stack | Float64Array) -> tuple[Spectrogram, Spectrogram]:
-    """Horizontal and vertical spectrogram of one image, (H, W) [DN], or of the mean of a stack.
+    """Return the horizontal and vertical spectrogram of an image (H, W) [DN], or of the mean of a stack.
 
-    The mean of the image is subtracted, each line padded with as many zeros. Pixels of a stack that stand out, whose
-    spectrum is white, are replaced by what their lines let expect, and a note says how many.
+    The mean is subtracted, and each line is padded with as many zeros. Outlying pixels of a stack, whose spectrum is
+    white, are filled from their lines, and a note counts them.
     Raises InputError for a mosaic.
     """
     if not isinstance(image, Stack):
         return _spectrogram("horizontal", image), _spectrogram("vertical", image.T)
     image.require_one_filter()
     left_out = outliers(image.mean)
-    along_rows, along_columns = spectrograms(fill(image.mean, left_out))
     note = note_left_out_pixels(left_out)
-    return _mark(along_rows, image, note), _mark(along_columns, image, note)
-
-
-def _mark(spectrogram: Spectrogram, stack: Stack, note: str) -> Spectrogram:
-    """The spectrogram with a figure that has a note, and is marked where the frames are clipped."""
-    figure = mark_clipped(spectrogram.non_whiteness.noted(note), stack)
-    return replace(spectrogram, non_whiteness=figure)
+    marked = (
+        replace(one, non_whiteness=mark_clipped(one.non_whiteness.noted(note), image))
+        for one in spectrograms(fill(image.mean, left_out))
+    )
+    return next(marked), next(marked)
 
 
 def _spectrogram(direction: str, image: Float64Array) -> Spectrogram:
-    """Spectrogram along the rows of an image."""
+    """Return the spectrogram along the rows of an image."""
     lines, length = image.shape
     mean, power = float(image.mean()), np.zeros(length + 1)
-    for top in range(0, lines, LINES):
-        deviations = np.asarray(image[top : top + LINES], np.float64) - mean
+    for top in range(0, lines, LINES_AT_ONCE):
+        deviations = np.asarray(image[top : top + LINES_AT_ONCE], np.float64) - mean
         spectrum = scipy.fft.rfft(deviations, 2 * length, axis=1)
         power += np.square(np.abs(spectrum)).sum(axis=0)
     power /= lines * length
@@ -84,14 +81,14 @@ def _spectrogram(direction: str, image: Float64Array) -> Spectrogram:
 
 
 def _non_whiteness(direction: str, power: Float64Array, lines: int) -> Quantity:
-    """F, with the error of a mean over a median, from the scatter over frequencies of what each adds to their ratio.
+    """Return F, with the error of a mean over a median from the scatter over frequencies.
 
-    1.15 over the length of a line: found for white noise of 1 to 512 lines, whose neighbouring frequencies correlate as
-    lines are padded. A spectrum that is smooth but not flat scatters less: its interval is too wide.
+    The factor 1.15 over the length of a line was measured for white noise of 1 to 512 lines, where padding correlates
+    neighbouring frequencies. A spectrum that is smooth but not flat gets too wide an interval.
     """
     name, length = f"non-whiteness, {direction}", len(power) - 1
     if length < 8:
-        few = f"{length} pixels a line, at least 8 are needed"
+        few = f"lines have {length} pixels; at least 8 are needed"
         return no_value("F", name, "", SECTION, few)
     median = float(np.median(power))
     if not median:

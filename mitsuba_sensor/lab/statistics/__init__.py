@@ -1,6 +1,5 @@
-"""Statistics that instruments and fits share; all but mean_squares.py know no frames.
+"""Statistics that instruments and fits share; only mean_squares.py uses frames.
 
-estimators.py has medians, ratios, limits and the interval of a noncentral χ² law; line_fits.py straight lines;
-mean_squares.py the mean squares of rows, columns and pixels, with intervals; outliers.py the pixels that stand out from
-an image.
+estimators.py has medians, ratios, limits and the interval of a noncentral χ² distribution; line_fits.py straight lines;
+mean_squares.py mean squares of rows, columns and pixels with intervals; outliers.py outlying pixels of an image.
 """

@@ -1,4 +1,4 @@
-"""Straight lines by least squares: through the origin, and with an offset; and whether the points lie on one."""
+"""Straight lines by least squares, through the origin and with an offset, with tests of straightness."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ from ...core.types import Float64Array
 from ..quantity import normal_interval, student_interval
 
 CURVED_FALSE_ALARM = 0.01
-"""Share of the straight lines that are said to be curved."""
+"""Fraction of straight lines that are reported as curved."""
 UNSURE_FALSE_ALARM = 0.2
-"""Share of the straight lines whose interval is extended, because a curvature that noise hides would shift the slope by
-more than its own standard error. It raises the coverage of the interval by about half a per cent."""
+"""Fraction of straight lines whose interval is extended, because a hidden curvature would shift the slope by more than
+its standard error. The extension raises the coverage by about 0.5 %."""
 SCATTER_FALSE_ALARM = 1e-3
-"""Share of the lines whose points are said to scatter more than their covariance explains although they do not."""
+"""Fraction of lines whose points are wrongly reported to scatter more than their covariance explains."""
 CROOKED = 0.01
-"""Probability of a larger scatter, below which points are said not to lie on a line with an offset."""
+"""Probability of a larger scatter below which points are reported to be off a line with an offset."""
 
 
 @dataclass(frozen=True)
 class LineThroughOrigin:
-    """Slope with its interval, the slope at zero of a parabola with its interval, and what was found.
+    """Slope with its interval, and results of the tests.
 
-    initial : (value, low, high) at zero; NaN where there are fewer than 3 points.
+    initial : (value, low, high) of the slope at zero of a parabola; NaN for fewer than 3 points.
+    curved, unsure : the points are, or may be, curved.  scattered : they scatter more than their covariance explains.
     """
 
     slope: float
@@ -39,18 +40,18 @@ class LineThroughOrigin:
 
     @property
     def note(self) -> str:
-        """What restricts the slope, or nothing."""
+        """Remarks on the slope, or an empty text."""
         notes = []
         if self.curved:
             value, low, high = self.initial
             notes.append(
-                f"not straight: the slope at zero is {value:.4g} ({low:.4g} to {high:.4g}), inside the interval"
+                f"not straight: the slope at zero is {value:.4g} ({low:.4g} to {high:.4g}), within the interval"
             )
         elif self.unsure:
-            notes.append("the interval is extended, since the points may be curved")
+            notes.append("the interval is extended, because the points may be curved")
         if self.scattered:
             notes.append(
-                "the points scatter more than noise explains; the interval is as much wider"
+                "the points scatter more than noise explains, which widens the interval"
             )
         return "; ".join(notes)
 
@@ -58,10 +59,10 @@ class LineThroughOrigin:
 def line_through_origin(
     x: Float64Array, y: Float64Array, covariance: Float64Array
 ) -> LineThroughOrigin:
-    """y = a·x for (n,) points, n at least 1, by generalised least squares.
+    """Fit y = a·x to at least one point by generalised least squares; x and y of shape (n,).
 
-    A parabola through the origin is fitted too. Where it may be curved, the interval is extended to hold its slope at
-    zero, so that a response that is not linear widens what is said of a.
+    A parabola through the origin is fitted alongside. If the points may be curved, the interval is extended to its
+    slope at zero.
     """
     slope, error, chi2 = _fit(x[:, None], y, covariance)
     freedom = len(x) - 1
@@ -83,7 +84,7 @@ def line_through_origin(
     curved = curvature > _two_sided_limit(CURVED_FALSE_ALARM)
     unsure = curvature > _two_sided_limit(UNSURE_FALSE_ALARM)
     if unsure:
-        reach = 1.0 if curved else 0.5  # two standard errors beyond the slope at zero, or one
+        reach = 1.0 if curved else 0.5  # two standard errors outside the slope at zero, or one
         low = min(low, initial[0] - reach * (initial[0] - initial[1]))
         high = max(high, initial[0] + reach * (initial[2] - initial[0]))
     return LineThroughOrigin(
@@ -92,14 +93,14 @@ def line_through_origin(
 
 
 def _two_sided_limit(false_alarm: float) -> float:
-    """Absolute normal value that is exceeded with this probability."""
+    """Return the absolute normal value that is exceeded with this probability."""
     return -float(scipy.special.ndtri(false_alarm / 2))
 
 
 def _fit(
     basis: Float64Array, y: Float64Array, covariance: Float64Array
 ) -> tuple[list[float], list[float], float]:
-    """Coefficients, their standard errors, and chi-square."""
+    """Return coefficients, their standard errors, and chi-square."""
     cholesky = np.linalg.cholesky(covariance)
     white = scipy.linalg.solve_triangular(cholesky, np.column_stack([basis, y]), lower=True)
     white_basis, white_y = white[:, :-1], white[:, -1]
@@ -112,11 +113,10 @@ def _fit(
 
 @dataclass(frozen=True)
 class StraightLine:
-    """offset + slope·x, of weighted least squares.
+    """Line offset + slope·x by weighted least squares.
 
-    slope_error, offset_error : standard errors.  freedom : degrees of freedom that they come from, infinite where the
-    errors are known.
-    crooked : the points scatter by more than their errors; the standard error then comes from the scatter.
+    slope_error, offset_error : standard errors.  freedom : their degrees of freedom, infinite for exact errors.
+    crooked : True if the points scatter by more than their errors, so the standard errors come from the scatter.
     """
 
     slope: float
@@ -143,25 +143,25 @@ class StraightLine:
 
     @property
     def note(self) -> str:
-        """What restricts the slope, or nothing."""
-        if not self.crooked:
-            return ""
-        return "the points do not lie on a straight line, which widens the interval"
+        """Remark on the slope, or an empty text."""
+        return (
+            "the points are not on a straight line, which widens the interval"
+            if self.crooked
+            else ""
+        )
 
 
 def straight_line(
     x: Float64Array, y: Float64Array, error: Float64Array, freedom: float = math.inf
 ) -> StraightLine:
-    """Weighted least squares through 2 points or more.
+    """Fit a line to at least 2 points by weighted least squares.
 
-    error : of y, with so many degrees of freedom; NaN where nobody knows.
+    error : standard errors of y with this many degrees of freedom; NaN if unknown.
 
-    Without known errors all points weigh the same, and 2 points give a slope without an interval.
+    With unknown errors all points have equal weights, and 2 points give a slope without an interval.
     """
     errors_known = bool(np.isfinite(error).all() and (error > 0).all())
-    weight = np.ones(len(x))
-    if errors_known:
-        weight = 1 / error**2
+    weight = 1 / error**2 if errors_known else np.ones(len(x))
     total = weight.sum()
     centre = float(weight @ x / total)
     power = float(weight @ (x - centre) ** 2)

@@ -17,9 +17,9 @@ from .outliers import Pixels
 
 @dataclass(frozen=True)
 class MeanSquare:
-    """An estimate that follows value·χ²(freedom)/freedom.
+    """An estimate with the distribution value·χ²(freedom)/freedom.
 
-    other_variance : of the estimate, beside that of the chi-square law (of a mean product of two images, for example).
+    other_variance : additional variance of the estimate, e.g. of a mean product of two images.
     """
 
     value: float
@@ -27,7 +27,7 @@ class MeanSquare:
     other_variance: float = 0.0
 
     def times(self, factor: float) -> MeanSquare:
-        """This estimate times a number that is known."""
+        """Return this estimate times an exact number."""
         return replace(
             self, value=self.value * factor, other_variance=self.other_variance * factor**2
         )
@@ -41,9 +41,9 @@ class MeanSquare:
 
 @dataclass(frozen=True)
 class MeanSquares:
-    """Mean squares of an image of H × W pixels, with the expectations W·σ_row² + σ², H·σ_col² + σ² and σ².
+    """Mean squares of an image of H × W pixels, with expectations W·σ_row² + σ², H·σ_col² + σ² and σ².
 
-    Rows and columns are None for a single column or row, which cannot be told from its pixels.
+    rows, columns : None for a single row or column.
     """
 
     rows: MeanSquare | None
@@ -52,7 +52,7 @@ class MeanSquares:
     shape: tuple[int, int]
 
     def divided(self, by: Sequence[float]) -> MeanSquares:
-        """Rows, columns and pixels each divided by a number that is known."""
+        """Return rows, columns and pixels, each divided by an exact number."""
         pixels = self.pixels / by[2]
         if self.rows is None or self.columns is None:
             return replace(self, pixels=pixels)
@@ -61,8 +61,8 @@ class MeanSquares:
         )
 
     def terms(self, part: str = "all") -> list[MeanSquare]:
-        """Terms of the variance of a part: ``row`` is σ_row² = (rows − pixels)/W, ``col`` the same of columns,
-        ``pixel`` that of the pixels alone, ``all`` the sum of the three. A single line of pixels has no parts."""
+        """Return the terms of a variance: ``row`` is σ_row² = (rows − pixels)/W, ``col`` likewise, ``pixel`` is σ², and
+        ``all`` the sum of the three. A single line of pixels has only ``all``."""
         if self.rows is None or self.columns is None:
             return [self.pixels] if part == "all" else []
         height, width = self.shape
@@ -76,7 +76,7 @@ class MeanSquares:
         return parts[part]
 
     def variance_of_mean(self) -> float:
-        """Variance of the mean of the image."""
+        """Return the variance of the mean of the image."""
         variance = self.pixels.value
         if self.rows is not None and self.columns is not None:
             variance = self.rows.value + self.columns.value - self.pixels.value
@@ -84,10 +84,10 @@ class MeanSquares:
 
 
 def combined(terms: Iterable[MeanSquare]) -> tuple[float, float, float]:
-    """(value, low, high) of a sum of independent estimates, some of them times a negative number.
+    """Return (value, low, high) of a sum of independent estimates, some with negative signs.
 
-    Modified large samples: the distances to the exact chi-square limits of the terms add in quadrature (Graybill and
-    Wang, J. Am. Stat. Assoc. 75, 869, 1980; Ting et al., J. Stat. Comput. Simul. 35, 135, 1990, without cross terms).
+    Modified large samples: distances to the exact chi-square limits of the terms add in quadrature (Graybill and Wang,
+    J. Am. Stat. Assoc. 75, 869, 1980; Ting et al., J. Stat. Comput. Simul. 35, 135, 1990, without cross terms).
     """
     total = below = above = 0.0
     z = float(scipy.special.ndtri((1 + LEVEL) / 2))
@@ -103,7 +103,7 @@ def combined(terms: Iterable[MeanSquare]) -> tuple[float, float, float]:
 
 
 def _relative_distances(term: MeanSquare) -> tuple[float, float]:
-    """Distances to the lower and upper limit of an estimate, over its value."""
+    """Return the distances to the lower and upper limit of an estimate, over its value."""
     small = float(scipy.special.chdtri(term.freedom, (1 + LEVEL) / 2))
     large = float(scipy.special.chdtri(term.freedom, (1 - LEVEL) / 2))
     down, up = 1 - term.freedom / large, math.inf
@@ -115,9 +115,9 @@ def _relative_distances(term: MeanSquare) -> tuple[float, float]:
 
 
 def root(terms: Iterable[MeanSquare], scale: float = 1.0) -> tuple[float, float, float]:
-    """(value, low, high) of the square root of a variance, times a factor; 0 where the variance is negative.
+    """Return (value, low, high) of the square root of a variance times a factor; 0 for a negative variance.
 
-    A variance whose whole interval is negative has what its noise allows as an upper limit.
+    If the whole interval is negative, the upper limit is what noise about 0 allows.
     """
     variance, least, most = combined(terms)
     if most < 0:
@@ -129,12 +129,12 @@ def root(terms: Iterable[MeanSquare], scale: float = 1.0) -> tuple[float, float,
 def spatial_mean_squares(
     first: Float64Array, second: Float64Array | None = None, filled: int = 0
 ) -> MeanSquares:
-    """Mean squares of one image, or mean products of two images of the same pixels, (H, W) each.
+    """Return mean squares of an image (H, W), or mean products of two images of the same pixels.
 
-    filled : how many pixels are not measured, but what their rows and columns let expect.
+    filled : number of pixels that were filled from their rows and columns.
 
-    Degrees of freedom are those of normal, independent values, fewer where tails or correlations of neighbouring lines
-    are larger than chance has them.
+    Degrees of freedom assume normal, independent values; significant tails or correlations of neighbouring lines reduce
+    them.
     """
     height, width = first.shape
     if min(first.shape) == 1:
@@ -156,16 +156,13 @@ def spatial_mean_squares(
 
 
 def temporal_mean_squares(stack: Stack, left_out: Pixels | None = None) -> MeanSquares:
-    """Mean squares of what changes from frame to frame in N ≥ 2 frames, without the frames' means.
-
-    left_out : pixels that are as noisy as the others on average.
-    """
+    """Return temporal mean squares of N ≥ 2 frames, without the frame means.  left_out : pixels to ignore."""
     changes, pixels, count = stack.changes, stack.shape[0] * stack.shape[1], 0
     variance, square = changes.variance * pixels, changes.square * pixels
     if left_out is not None and (count := int(np.count_nonzero(left_out))):
-        some = stack.frames[:, left_out] - stack.frame_means[:, None]
-        theirs = some.var(axis=0, ddof=1)
-        variance, square = variance - theirs.sum(), square - theirs @ theirs
+        ignored = stack.frames[:, left_out] - stack.frame_means[:, None]
+        variances = ignored.var(axis=0, ddof=1)
+        variance, square = variance - variances.sum(), square - variances @ variances
     kept = max(pixels - count, 1)
     return mean_squares_of(
         changes._replace(variance=variance / kept, square=square / kept), stack.shape
@@ -173,7 +170,7 @@ def temporal_mean_squares(stack: Stack, left_out: Pixels | None = None) -> MeanS
 
 
 def mean_squares_of(changes: Changes, shape: tuple[int, int]) -> MeanSquares:
-    """Mean squares of what one pass over a stack finds; pixels of uneven variance have fewer degrees of freedom."""
+    """Return mean squares from one pass over a stack; uneven variances of the pixels reduce the degrees of freedom."""
     (height, width), more = shape, len(changes.rows) - 1
     total = more * changes.variance * height * width
     uneven = 1.0
@@ -203,7 +200,7 @@ def _centred(values: Float64Array) -> Float64Array:
 
 
 def _parts(image: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Deviations of the means of rows and columns from the image's mean, and what is left of the pixels."""
+    """Return deviations of row and column means from the mean, and the remaining deviations of the pixels."""
     mean = image.mean()
     rows, columns = image.mean(axis=1) - mean, image.mean(axis=0) - mean
     return rows, columns, image - mean - rows[:, None] - columns
@@ -212,9 +209,9 @@ def _parts(image: Float64Array) -> tuple[Float64Array, Float64Array, Float64Arra
 def _mean_product(
     first: Float64Array, second: Float64Array, freedom: float, *, are_lines: bool
 ) -> MeanSquare:
-    """Mean product of two arrays of deviations from the mean; of an array with itself it is a variance.
+    """Return the mean product of two arrays of deviations; for equal arrays it is a variance.
 
-    The product of two different ones has a variance beside that of the chi-square law.
+    For different arrays, the product has a variance in addition to that of chi-square.
     """
     product = float(np.vdot(first, second)) / freedom
     squares = float(np.vdot(first, first)) / freedom * float(np.vdot(second, second)) / freedom
@@ -232,7 +229,7 @@ def _mean_product(
 
 
 def _excess_of_correlation(values: Float64Array) -> float:
-    """1 + 2·Σρ², by which a variance of correlated values is less certain; ρ until it is within 2/√n of 0."""
+    """Return 1 + 2·Σρ², the excess variance of a variance of correlated values, for ρ until it is within 2/√n of 0."""
     power, excess = float(values @ values), 1.0
     for lag in range(1, len(values) // 2):
         correlation = float(values[lag:] @ values[:-lag]) / power

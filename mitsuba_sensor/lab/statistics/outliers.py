@@ -1,4 +1,4 @@
-"""Pixels that stand out from an image: hot, dead and stuck ones, which a standard deviation must not depend on."""
+"""Outlying pixels of an image (hot, dead, stuck), which a standard deviation must not depend on."""
 
 from __future__ import annotations
 
@@ -10,23 +10,22 @@ from ...core.types import Float64Array
 from .estimators import z_limit
 
 FALSE_ALARM = 0.01
-"""Probability that one pixel or more of an image of normal values is left out."""
+"""Probability of one or more outliers in an image of normal values."""
 TAIL_SHARE = 0.01
-"""Share of the pixels that are beyond the quantile from which the width of the tail is known. Above that share, what
-stands out is a distribution of its own and no handful of pixels."""
+"""Fraction of the pixels outside the quantile that gives the width of the tail; more pixels are a distribution, not
+outliers."""
 ROUNDING_DN = 12**-0.5
 """Standard deviation of rounding to whole numbers."""
 Pixels = NDArray[np.bool_]
 
 
 def outliers(image: Float64Array, least_sigma: float = ROUNDING_DN) -> Pixels:
-    """Pixels of an image (H, W) that neither a normal distribution nor one with a longer tail explains.
+    """Return a mask of the pixels of an image (H, W) that neither a normal nor a longer-tailed distribution explains.
 
-    The medians of rows and columns are subtracted. The limit is that of normal values, of which one image in a hundred
-    has a pixel beyond it, with σ from the quartiles or from the 99 % quantile of the distances, whichever is larger:
-    the tail of a log-normal dark current is part of the image, a hot pixel is not.
+    The medians of rows and columns are subtracted. The limit applies to normal values, with the larger σ from the
+    median and from the 99 % quantile of the distances, so the tail of a log-normal dark current has no outliers.
 
-    least_sigma : in the unit of the image; few pixels that differ by a code are no defects.
+    least_sigma : smallest σ in the unit of the image; pixels that differ by a code are no outliers.
     """
     rest = image - np.median(image)
     for axis in (1, 0):
@@ -39,12 +38,12 @@ def outliers(image: Float64Array, least_sigma: float = ROUNDING_DN) -> Pixels:
 
 
 def _normal_quantile(share: float) -> float:
-    """Distance from the mean within which this share of normal values of σ = 1 lies."""
+    """Return the distance from the mean that contains this fraction of normal values of σ = 1."""
     return float(scipy.special.ndtri((1 + share) / 2))
 
 
 def fill(image: Float64Array, left_out: Pixels) -> Float64Array:
-    """The image with the pixels that are left out as their rows and columns let expect."""
+    """Return the image with these pixels filled from the means of their rows and columns."""
     if not left_out.any():
         return image
     kept = np.ma.array(image, mask=left_out)
@@ -55,8 +54,8 @@ def fill(image: Float64Array, left_out: Pixels) -> Float64Array:
 
 
 def note_left_out_pixels(left_out: Pixels) -> str:
-    """How many pixels were left out, or nothing."""
+    """Return a note on the number of outliers, or an empty text."""
     count = int(np.count_nonzero(left_out))
     if not count:
         return ""
-    return f"without {count} pixel{'s' * (count > 1)} that stand{'s' * (count == 1)} out ({count / left_out.size:.2g})"
+    return f"without {count} outlying pixel{'s' * (count > 1)} ({count / left_out.size:.2g} of all)"

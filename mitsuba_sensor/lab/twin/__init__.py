@@ -1,4 +1,4 @@
-"""The twin of a camera from its own bias, dark and flat frames: figures with intervals, a camera file, maps."""
+"""The twin of a camera from its bias, dark and flat frames: figures with intervals, a camera file, and maps."""
 
 from .fit import Twin, fit
 

@@ -1,4 +1,4 @@
-"""Black level, offsets, dark current and temporal noise in the dark, with the maps of offsets and dark current."""
+"""Black level, offsets, dark current and temporal noise in the dark, with maps of offsets and dark current."""
 
 from __future__ import annotations
 
@@ -9,28 +9,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...core.types import Float64Array
-from ..frames.clipping import mark_rounding
+from ..frames.clipping import Pattern, mark_rounding
 from ..frames.stack import Stack
 from ..measure.dark_current import dark_current, errors_of_means
 from ..measure.dark_signal import distributions_of
-from ..quantity import Quantity, no_value, student_interval, unknown
+from ..quantity import Quantity, no_value, student_interval
 from ..statistics.mean_squares import MeanSquare, MeanSquares, root, temporal_mean_squares
 from .evidence import CombinedMap, Fitted, frames_of
 
 SECTION = "fit"
 READ = no_value("σ_read", "read noise of the pixels, rms", "DN", SECTION)
 FRAME = no_value("σ_frame", "jitter of the black level from frame to frame", "DN", SECTION)
-CLEAR = 3.0
-"""Spread of the dark current over what averaging left of noise, from which on its distribution is looked at."""
+SPREAD_OVER_NOISE_MIN = 3.0
+"""Spread of the dark current over the remaining noise from which on its distribution is fitted."""
 
 
 @dataclass(frozen=True, eq=False)
 class Dark:
-    """What dark frames of one temperature show.
+    """Parameters from dark frames of one temperature.
 
-    black : at exposure time 0 [DN].  rate : mean dark signal [DN/s].  cv : its σ over mean from pixel to pixel.
-    offsets, rates : of the pixels [DN, DN/s]; rates None for one exposure time.
-    distribution : of the rates, as a camera file names it, or None.  quiet : the stack that shows the temporal noise.
+    black : black level at exposure time 0 [DN].  rate : mean dark signal [DN/s].  cv : σ over mean of the rates.
+    offsets, rates : maps of the pixels [DN, DN/s]; rates is None for one exposure time.
+    distribution : name of the distribution of the rates in a camera file, or None.
+    quiet : stack that shows the temporal noise.
     """
 
     black: Fitted
@@ -42,7 +43,7 @@ class Dark:
     quiet: Stack
 
     def window(self, rows: slice, columns: slice) -> Dark:
-        """Offsets and rates of some rows and columns."""
+        """Return offsets and rates of some rows and columns."""
         offsets = replace(self.offsets, image=self.offsets.image[rows, columns])
         rates = self.rates
         if rates is not None:
@@ -50,21 +51,24 @@ class Dark:
         return replace(self, offsets=offsets, rates=rates)
 
     def expected_frame(self, exposure_s: float) -> Float64Array:
-        """Expected mean frame of an exposure time (H, W) [DN]."""
+        """Return the expected mean frame of an exposure time, shape (H, W) [DN]."""
         if self.rates is None:
             return self.offsets.image
         return self.offsets.image + exposure_s * self.rates.image
 
     def dsnu(self, part: str) -> Fitted:
-        """DSNU of the ``pixel``, ``row`` or ``col`` offsets [DN]."""
-        name = "dark signal non-uniformity"
-        spread = self.offsets.spread()[part]
-        dsnu = Quantity(f"DSNU_{part}", name, *spread, "DN", SECTION)
-        return self.black.known_as(mark_rounding(dsnu, self.quiet))
+        """Return DSNU of the ``pixel``, ``row`` or ``col`` offsets [DN]."""
+        name, spread = "dark signal non-uniformity", self.offsets.spread()
+        dsnu, pixels = (
+            Quantity(f"DSNU_{each}", name, *spread[each], "DN", SECTION)
+            for each in (part, "pixel")
+        )
+        pattern = Pattern(self.quiet, dsnu, None if part == "pixel" else pixels)
+        return self.black.known_as(mark_rounding(dsnu, pattern))
 
 
 def dark_over_time(stacks: Sequence[Stack]) -> Dark:
-    """Black level, dark current and their maps from bias and dark stacks of one temperature."""
+    """Fit black level, dark current and their maps to bias and dark stacks of one temperature."""
     squares = [temporal_mean_squares(stack) for stack in stacks]
     times = np.array([stack.exposure_s for stack in stacks])
     counts = np.array([len(stack) for stack in stacks])
@@ -84,7 +88,7 @@ def dark_over_time(stacks: Sequence[Stack]) -> Dark:
         mean = float(weights @ [stack.frame_means.mean() for stack in stacks])
         error = math.sqrt(float(weights**2 @ errors**2))
         black = black.with_interval(student_interval(mean, error, min(freedom, 1e9))).noted(why)
-        rate = unknown(rate, why)
+        rate = rate.noted(why)
     variances = [max(sum(term.value for term in one.terms()), 1e-9) for one in squares]
     at_zero, per_second = _line_weights(times, counts / np.array(variances))
     offsets = _combine(stacks, squares, at_zero)
@@ -104,7 +108,7 @@ def dark_over_time(stacks: Sequence[Stack]) -> Dark:
 def _line_weights(
     times: Float64Array, weights: Float64Array
 ) -> tuple[Float64Array, Float64Array]:
-    """What a line through weighted points takes of each for its value at time 0, and for its slope (0 for one time)."""
+    """Return the weights of points in a line's value at time 0 and in its slope (0 for a single time)."""
     if len(set(times.tolist())) < 2:
         return weights / weights.sum(), np.zeros(len(times))
     s0, s1, s2 = (float((weights * times**power).sum()) for power in range(3))
@@ -115,7 +119,7 @@ def _line_weights(
 def _combine(
     stacks: Sequence[Stack], squares: Sequence[MeanSquares], weights: Float64Array
 ) -> CombinedMap:
-    """Weighted sum of the stacks' means, and the temporal noise that is left in it."""
+    """Return the weighted sum of the mean frames, with its remaining temporal noise."""
     image = sum(weight * stack.mean for weight, stack in zip(weights, stacks, strict=True))
     factors = [w**2 / len(stack) for w, stack in zip(weights.tolist(), stacks, strict=True)]
     return CombinedMap(np.asarray(image), tuple(zip(squares, factors, strict=True)))
@@ -124,15 +128,15 @@ def _combine(
 def _nonuniformity(
     rates: CombinedMap | None, rate: Quantity, stacks: Sequence[Stack]
 ) -> tuple[Quantity, str | None]:
-    """cv and distribution of the rates of the pixels."""
+    """Return D_N and the distribution of the pixels' rates."""
     cv = no_value("D_N", "non-uniformity of the dark current", "", SECTION)
     coarse = next((stack.coarse for stack in stacks if stack.coarse), "")
     if rates is None or not rate.low > 0 or coarse:
-        return unknown(cv, coarse or "dark current is not told from 0"), None
+        return cv.noted(coarse or "the dark current may be 0"), None
     spread = rates.spread()["all"]
     cv = cv.with_interval(spread).divided(rate, "")
     noise = math.sqrt(max(float(rates.image.var()) - spread[0] ** 2, 0.0))
-    if not spread[1] > 0 or spread[0] <= CLEAR * noise:
+    if not spread[1] > 0 or spread[0] <= SPREAD_OVER_NOISE_MIN * noise:
         return cv, None
     positive = np.sort(rates.image[rates.image > 0])
     name = distributions_of(positive)[0].name
@@ -144,9 +148,9 @@ def _nonuniformity(
 
 
 def read_noise(dark: Dark, pixel: Quantity, gain: Quantity) -> Quantity:
-    """σ of a pixel alone without the shot noise of the dark current [DN]."""
+    """Return the temporal noise of a pixel without dark shot noise [DN]."""
     if not math.isfinite(pixel.value):
-        return unknown(READ, pixel.note)
+        return READ.noted(pixel.note)
     shot_dn2, error_dn2 = 0.0, 0.0
     if dark.rate.known:
         rate, seconds = dark.rate.quantity, dark.quiet.exposure_s
@@ -160,14 +164,14 @@ def read_noise(dark: Dark, pixel: Quantity, gain: Quantity) -> Quantity:
 
 
 def frame_noise(stacks: Sequence[Stack]) -> Fitted:
-    """σ of the frames' means beyond what rows, columns and pixels leave in them, of all dark stacks together.
+    """Return the jitter of the frame means in excess of pixel, row and column noise, from all dark stacks.
 
-    Between stacks the black level may drift: only what scatters within them counts.
+    Only the scatter within stacks counts, since the black level may drift between stacks.
     """
     freedom = sum(len(stack) - 1 for stack in stacks)
     coarse = next((stack.coarse for stack in stacks if stack.coarse), "")
     if coarse:
-        return Fitted(unknown(FRAME, coarse), frames_of(*stacks))
+        return Fitted(FRAME.noted(coarse), frames_of(*stacks))
     between = within = 0.0
     for stack in stacks:
         share = (len(stack) - 1) / freedom

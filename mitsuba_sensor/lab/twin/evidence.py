@@ -1,5 +1,5 @@
-"""A fitted figure with the frames that it came from; and measured maps: rows, columns and pixels, each scaled to its σ
-without what averaging left of temporal noise."""
+"""A fitted figure with its frames; and measured maps of rows, columns and pixels, scaled to their σ without temporal
+noise."""
 
 from __future__ import annotations
 
@@ -19,17 +19,14 @@ from ..statistics.outliers import fill, outliers
 
 @dataclass(frozen=True)
 class Fitted:
-    """A figure and its frames.
-
-    assumed : what the number is where frames do not show it, or nothing.
-    """
+    """A figure and a description of the frames that it was fitted to."""
 
     quantity: Quantity
     frames: str
 
     @property
     def known(self) -> bool:
-        """Whether the frames show it."""
+        """Return True if the frames show the figure."""
         return math.isfinite(self.quantity.value)
 
     @property
@@ -43,12 +40,12 @@ class Fitted:
         return text
 
     def known_as(self, quantity: Quantity) -> Fitted:
-        """Another figure of the same frames."""
+        """Return another figure of the same frames."""
         return Fitted(quantity, self.frames)
 
 
 def frames_of(*stacks: Stack) -> str:
-    """How many frames of which files: ``64 frames dark_10ms/a.tiff … b.tiff``."""
+    """Return the number of frames and their files: ``64 frames dark_10ms/a.tiff … b.tiff``."""
     count = sum(len(stack) for stack in stacks)
     sources = list(dict.fromkeys(short(stack.source) for stack in stacks))
     shown = ", ".join(sources[:2])
@@ -58,7 +55,7 @@ def frames_of(*stacks: Stack) -> str:
 
 
 def short(source: str) -> str:
-    """The last two parts of the path of the first file."""
+    """Return the last two parts of the path of the first file."""
     first, dots, _ = source.partition(" … ")
     parts = first.replace(os.sep, "/").split("/")
     if not dots:
@@ -75,17 +72,14 @@ PARTS = ("row", "col", "pixel", "all")
 class CombinedMap:
     """Weighted sum of the mean frames of stacks.
 
-    image : (H, W).  noises : mean squares of the temporal noise of a frame of each stack, and their factor in the map.
+    image : shape (H, W).  noises : mean squares of the temporal noise of each stack, and their factors in the image.
     """
 
     image: Float64Array
     noises: tuple[tuple[MeanSquares, float], ...]
 
     def spread(self) -> dict[str, tuple[float, float, float]]:
-        """(value, low, high) of the standard deviation of rows, columns, pixels and all.
-
-        Pixels that stand out are left out: they are what they are in the map, and no width of a distribution.
-        """
+        """Return (value, low, high) of the standard deviation of rows, columns, pixels and all, without outliers."""
         left_out = outliers(self.image, least_sigma=0.0)
         filled = int(np.count_nonzero(left_out))
         measured = spatial_mean_squares(fill(self.image, left_out), filled=filled)
@@ -97,7 +91,7 @@ class CombinedMap:
         return spreads
 
     def parts(self) -> dict[str, Float64Array]:
-        """Deviations of rows (H, 1), columns (1, W) and pixels (H, W), without temporal noise."""
+        """Return the deviations of rows (H, 1), columns (1, W) and pixels (H, W), without temporal noise."""
         spreads = self.spread()
         return parts_of(
             self.image,
@@ -106,10 +100,7 @@ class CombinedMap:
 
 
 def parts_of(image: Float64Array, sigmas: Mapping[str, float]) -> dict[str, Float64Array]:
-    """Deviations of rows (H, 1), columns (1, W) and pixels (H, W) from the mean, each scaled to its σ.
-
-    Pixels that stand out are scaled as the others are.
-    """
+    """Return the deviations of rows (H, 1), columns (1, W) and pixels (H, W) from the mean, each scaled to its σ."""
     filled = fill(image, outliers(image, least_sigma=0.0))
     mean = filled.mean()
     rows = filled.mean(axis=1, keepdims=True) - mean
@@ -119,8 +110,8 @@ def parts_of(image: Float64Array, sigmas: Mapping[str, float]) -> dict[str, Floa
 
 
 def scaled_to(part: Float64Array, sigma: float) -> Float64Array:
-    """A part of mean 0 with this standard deviation, at most its own; 0 where the wanted one is not known."""
-    own = math.sqrt(float(np.square(part[~outliers(part, least_sigma=0.0)]).mean()))
-    if not own or not math.isfinite(sigma):
+    """Return deviations scaled down to this standard deviation; 0 if it is unknown."""
+    measured = math.sqrt(float(np.square(part[~outliers(part, least_sigma=0.0)]).mean()))
+    if not measured or not math.isfinite(sigma):
         return part * 0.0
-    return part * min(sigma / own, 1.0)
+    return part * min(sigma / measured, 1.0)

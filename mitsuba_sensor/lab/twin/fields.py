@@ -1,4 +1,4 @@
-"""The fields of a camera file from the figures of a gain setting, each with its source."""
+"""Fields of a camera file from the figures of a gain setting, each with its source."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from .read_law import NORMAL_TAU4, tukey_shape
 from .setting import Setting
 
 ASSUMED_K = 298.15
-"""Temperature that frames are taken to have where they do not say."""
-BEYOND = 2.0
-"""Full well over the largest signal, where the ADC ends first: far enough that it never does."""
+"""Temperature that is assumed for frames without one [K]."""
+WELL_RATIO = 2.0
+"""Assumed full well over the largest signal, if the ADC saturates first: so large that it has no effect."""
 NORMAL_SHAPE = tukey_shape(NORMAL_TAU4)
-"""λ of Tukey's law with the τ₄ of a normal one: 0.142."""
+"""λ of Tukey's distribution with the τ₄ of a normal distribution: 0.142."""
 NO_FLAT = "no flat field near half saturation"
 NOT_SHOWN: dict[str, Any] = {
     "pixel.prnu_distribution": "gaussian",
@@ -46,11 +46,11 @@ NOT_SHOWN: dict[str, Any] = {
     "adc.ile": None,
     "adc.dnl_lsb": None,
 }
-"""Fields of effects that the fitted figures contain, or that the twin does not have; None unsets one."""
+"""Fields of effects that the fitted figures include or the twin does not have; None unsets a field."""
 
 
 class Value(NamedTuple):
-    """A field of a camera file, ``table.key``; None unsets it.  source : where it comes from; empty for none."""
+    """A field of a camera file, ``table.key``; the value None unsets it.  source : origin of the value, or empty."""
 
     name: str
     value: Any
@@ -58,9 +58,9 @@ class Value(NamedTuple):
 
 
 def fields_of(setting: Setting, tails: bool = False) -> Iterator[Value]:
-    """Everything that frames show, and what must not be in the file beside it.
+    """Yield the fields that frames show, and those that must not be in the same file.
 
-    tails : whether the read noise has Tukey's law, as other settings of the ladder have.
+    tails : True if the read noise of some gain setting has Tukey's distribution.
     """
     for name, value in NOT_SHOWN.items():
         yield Value(name, value)
@@ -97,18 +97,21 @@ def fields_of(setting: Setting, tails: bool = False) -> Iterator[Value]:
 
 
 def full_well(setting: Setting) -> Value:
-    """Full well of a setting where it ends the range, or a value beyond the ADC's range."""
+    """Return the full well of a setting, or a value above the ADC's range if the pixel does not saturate first."""
     brightest = setting.brightest
     end = setting.electrons(brightest.end)
     if brightest.limited_by == "well":
         return Value("pixel.full_well_e", end.quantity.value, end.source)
-    where = "the ADC ends" if brightest.limited_by == "ADC" else "the brightest flat field is"
-    text = f"assumed: {BEYOND:g} times {end.quantity.value:.4g} e-, where {where}; {end.frames}"
-    return Value("pixel.full_well_e", BEYOND * end.quantity.value, text)
+    where = (
+        "the ADC saturates" if brightest.limited_by == "ADC" else "the brightest flat field is"
+    )
+    end_e = end.quantity.value
+    text = f"assumed: {WELL_RATIO:g} times {end_e:.4g} e-, where {where}; {end.frames}"
+    return Value("pixel.full_well_e", WELL_RATIO * end_e, text)
 
 
 def read_noise_e(setting: Setting) -> Value:
-    """Read noise; where rounding hides it, what the variance of the codes exceeds 1/12 DN² by is assumed."""
+    """Return the read noise or, if rounding hides it, the excess of the variance over 1/12 DN² as an assumption."""
     name, read = "source_follower.read_noise_e", setting.electrons(setting.read)
     if read.known:
         return _fitted(name, read)
@@ -118,25 +121,25 @@ def read_noise_e(setting: Setting) -> Value:
 
 
 def _dark_current(setting: Setting) -> Iterator[Value]:
-    """Rate, temperature, doubling, spread and distribution of the dark current."""
+    """Yield rate, temperature, doubling, spread and distribution of the dark current."""
     dark = setting.dark
     yield _fitted("dark_current.rate_e_per_s", setting.electrons(dark.rate))
     kelvin, source = dark.quiet.temperature_k, "fit: the temperature of the frames"
     if kelvin is None:
-        kelvin, source = ASSUMED_K, "assumed: frames do not say it"
+        kelvin, source = ASSUMED_K, "assumed: frames do not state it"
     yield Value("dark_current.at_temperature_k", kelvin, source)
     if setting.doubling is not None:
         doubling = setting.doubling
         yield Value("dark_current.doubling_k", doubling.quantity.value, doubling.source)
     yield _fitted("dark_current.cv", dark.cv)
-    family, source = "lognormal", "assumed: frames do not tell it"
+    family, source = "lognormal", "assumed: frames do not show it"
     if dark.distribution:
         family, source = dark.distribution, f"fit: smallest BIC of four, {dark.rate.frames}"
     yield Value("dark_current.distribution", family, source)
 
 
 def _gain_ratio(setting: Setting, well_e: float) -> Value:
-    """γ of the file, which is that at the full well, from γ at the largest signal."""
+    """Return γ at the full well from γ at the largest signal."""
     ratio = setting.brightest.ratio
     source = ratio.source
     if ratio.quantity.value == 1:
@@ -147,7 +150,7 @@ def _gain_ratio(setting: Setting, well_e: float) -> Value:
 
 
 def _fitted(name: str, figure: Fitted, why: str = "") -> Value:
-    """The fitted value, or 0 with the reason."""
+    """Return the fitted value, or 0 with the reason."""
     if figure.known:
         return Value(name, max(figure.quantity.value, 0.0), figure.source)
     reason = figure.quantity.note or why or "frames do not show it"

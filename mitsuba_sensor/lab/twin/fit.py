@@ -1,4 +1,4 @@
-"""The twin of a camera: what its frames show, as the tables of a camera file and measured maps."""
+"""The twin of a camera: the parameters that its frames show, as tables of a camera file and measured maps."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...core import InputError
 from ...core.progress import automatic_progress, is_asked
@@ -15,9 +15,13 @@ from ...core.types import Float64Array
 from ...optics.spectra import SILICON_NM, silicon_qe
 from ..frames.bench import Bench, read_bench
 from ..frames.stack import Stack, merged
+from .datasheet import DatasheetRow, datasheet_figures
 from .evidence import Fitted
-from .fields import NORMAL_SHAPE, Value, fields_of, full_well, read_noise_e
+from .fields import ASSUMED_K, NORMAL_SHAPE, Value, fields_of, full_well, read_noise_e
 from .setting import Setting, fit_setting
+
+if TYPE_CHECKING:
+    from ...camera.camera import Camera
 
 NAME = "twin"
 ASSUMED: dict[str, Any] = {
@@ -31,32 +35,32 @@ ASSUMED: dict[str, Any] = {
     "adc": {},
     "lens": {"f_number": 2.8},
 }
-"""What no frame shows, without a camera that it is taken from."""
+"""Tables for parameters that frames do not show, if no camera gives them."""
 ASSUMED_SOURCES = {
     "sensor.technology": "assumed: cmos, which has row and column offsets",
     "pixel.pitch_x_um": "assumed: 5 µm; frames do not show it",
     "pixel.pitch_y_um": "assumed: 5 µm; frames do not show it",
-    "pixel.fill_factor": "assumed: 1, so that the quantum efficiency is that of the whole pixel (EMVA 1288)",
+    "pixel.fill_factor": "assumed: 1, so the quantum efficiency applies to the whole pixel (EMVA 1288)",
     "lens.f_number": "assumed: f/2.8; frames do not show it",
 }
 QE, BAND_NM, ANY_NM = 0.6, (300.0, 1100.0), 550.0
 FULL_SWING_V = 1.0
-"""Swing of a full well, where no camera says its conversion gain [V]."""
-SHARE, FEWEST = 0.25, 8
-"""Share of the frames of a stack that are held out, and of how many at least: 2 stay out and 6 in."""
+"""Assumed swing of a full well [V], if no camera gives a conversion gain."""
+HELD_OUT, HELD_OUT_OF_MIN = 0.25, 8
+"""Fraction of the frames of a stack that are held out, and the least number of frames of such a stack."""
 
 
 @dataclass(eq=False)
 class Twin:
-    """Fitted from the frames of one camera.
+    """Twin of a camera, fitted to its frames.
 
     ::
 
         twin = ms.lab.fit("bench/")
         print(twin.figures(), twin.notes)
 
-    settings : what was measured at each gain setting, lowest K first; the first one's numbers are those of the file.
-    wavelength_nm : of the light, or None.
+    settings : measurement at each gain setting, lowest K first; the first setting gives the numbers of the file.
+    wavelength_nm : wavelength of the light [nm], or None.
     """
 
     settings: tuple[Setting, ...]
@@ -67,7 +71,7 @@ class Twin:
 
     @property
     def base(self) -> Setting:
-        """The setting of the lowest K."""
+        """Setting of the lowest K."""
         return self.settings[0]
 
     @property
@@ -77,7 +81,7 @@ class Twin:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What restricts the figures, and what could not be measured."""
+        """Remarks on the figures, and on what could not be measured."""
         several = len(self.settings) > 1
         notes = [
             f"gain {setting.name}: {note}" if several else note
@@ -87,23 +91,49 @@ class Twin:
         return tuple(merged([*notes, *step_notes(self.settings)]))
 
     def figures(self) -> dict[str, Fitted]:
-        """All figures with intervals, by symbol, of the base setting."""
+        """Return all figures of the base setting with intervals, by symbol."""
         setting = self.base
         dark, end = setting.dark, setting.brightest.end
         in_dn = [setting.read, setting.row, setting.column, setting.frame, dark.rate]
         in_dn += [dark.dsnu(part) for part in ("pixel", "row", "col")]
-        in_dn.append(end.known_as(replace(end.quantity, symbol="µ_e.end")))
+        if math.isfinite(end.quantity.high):
+            in_dn.append(end.known_as(replace(end.quantity, symbol="µ_e.end")))
         figures = [setting.gain, dark.black, dark.cv, setting.read.known_as(setting.law)]
         figures += map(setting.electrons, in_dn)
         figures += map(setting.prnu, ("pixel", "row", "col"))
+        for name, response in setting.responses.items():
+            symbol = f"η {name}".rstrip()
+            figures.append(response.end.known_as(replace(response.linear["η"], symbol=symbol)))
         return {figure.quantity.symbol: figure for figure in figures if figure.known}
 
+    def beside(self, camera: Camera) -> tuple[DatasheetRow, ...]:
+        """Return the figures of the twin next to those of a datasheet, with differences in standard errors.
+
+        ::
+
+            print(*twin.beside(ms.load_camera("konnik_table1")), sep="\\n")
+
+        camera : a camera with one readout, at the gain setting of the twin's base setting.
+        A single sensor unit may differ from its datasheet in K, black level, dark current and PRNU by more than the
+        standard error.
+        """
+        kelvin = self.base.dark.quiet.temperature_k or ASSUMED_K
+        values = dict(datasheet_figures(camera, kelvin, self.wavelength_nm))
+        figures = {
+            symbol.partition(" (")[0]: figure for symbol, figure in self.figures().items()
+        }
+        return tuple(
+            DatasheetRow(figures[symbol].quantity, value)
+            for symbol, value in values.items()
+            if symbol in figures
+        )
+
     def tables(self, like: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """The tables of a camera file, for ``ms.load_camera(twin.tables())``.
+        """Return the tables of a camera file, for ``ms.load_camera(twin.tables())``.
 
         like : tables of a camera (``camera.model_dump()``) that give what frames do not show: pitch, quantum
-            efficiency, lens, conversion gain. Without one these are assumed, and the sources say so.
-        Raises InputError for a camera of another mosaic.
+            efficiency, lens, conversion gain. None assumes them, and the sources report it.
+        Raises InputError for a camera with another mosaic.
         """
         data = copy.deepcopy(dict(like) if like is not None else ASSUMED)
         sources = _sources_of(like)
@@ -131,7 +161,7 @@ class Twin:
         return {**data, "sources": sources}
 
     def _quantum_efficiency(self) -> Iterator[Value]:
-        """Quantum efficiency of each filter: measured where photons are known, else assumed."""
+        """Yield the quantum efficiency of each filter: measured if photons are known, else assumed."""
         values, source = self._efficiencies()
         band_nm, assumed = list(BAND_NM), "one quantum efficiency for all light"
         at_nm, curve = self.wavelength_nm, [values.get("", QE)] * 2
@@ -153,22 +183,22 @@ class Twin:
         yield Value("quantum_efficiency.reference_nm", reference_nm, source)
 
     def _efficiencies(self) -> tuple[dict[str, float], str]:
-        """Quantum efficiency by filter, and its source; an assumed one where that of any filter is not known."""
+        """Return the quantum efficiency by filter and its source; assumed if it is unknown for any filter."""
         values: dict[str, float] = {}
         texts: list[str] = []
         for name, response in self.base.responses.items():
             q = response.linear["η"]
             if not 0 < q.value <= 1:
-                source = f"assumed: {QE:g}; the photons of the flat fields are not known"
+                source = f"assumed: {QE:g}; the photons of the flat fields are unknown"
                 return dict.fromkeys(self.base.responses, QE), source
             values[name] = q.value
             texts.append(f"{name} {q.value:.3g} ({q.low:.3g} to {q.high:.3g})".strip())
-        known = self.wavelength_nm
-        where = f" at {known:g} nm" if known else ", at an unknown wavelength"
+        at_nm = self.wavelength_nm
+        where = f" at {at_nm:g} nm" if at_nm else ", at an unknown wavelength"
         return values, f"fit: {', '.join(texts)}{where}"
 
     def _conversion_gain(self, data: Mapping[str, Any]) -> Iterator[Value]:
-        """A_SN and V_FS, so that K = A_SN·A_SF·A_CDS·2^bits/V_FS."""
+        """Yield A_SN and V_FS for K = A_SN·A_SF·A_CDS·2^bits/V_FS."""
         setting, readout = self.base, data["readout"]
         sense_uv = readout.get("sense_gain_uv_per_e")
         if sense_uv is None:
@@ -186,7 +216,7 @@ class Twin:
 
 
 def _sources_of(like: Mapping[str, Any] | None) -> dict[str, str]:
-    """Sources of the fields before the frames say theirs."""
+    """Return the sources of fields that frames do not show."""
     if like is None:
         return dict(ASSUMED_SOURCES)
     sources = like.get("sources") or {}
@@ -194,29 +224,29 @@ def _sources_of(like: Mapping[str, Any] | None) -> dict[str, str]:
 
 
 def _check_tile(tile: tuple[tuple[str, ...], ...], like: Mapping[str, Any]) -> None:
-    """Raises InputError where a camera has another mosaic than the frames."""
+    """Raise InputError if a camera has another mosaic than the frames."""
     other = tuple(map(tuple, like.get("quantum_efficiency", {}).get("tile") or ()))
     if tile != other:
-        has, have = (" / ".join("".join(row) for row in one) for one in (other, tile))
+        has, have = (" / ".join(map("".join, mosaic)) for mosaic in (other, tile))
         raise InputError(
-            f"{like['name']} has {has or 'no mosaic'}, the frames have {have or 'none'}; give a camera of the same "
-            "mosaic, or none."
+            f"{like['name']} has the mosaic {has or 'none'}, the frames have {have or 'none'}; give a camera with the "
+            "same mosaic, or none."
         )
 
 
 def fit(frames: str | os.PathLike[str] | Bench, *, progress: bool | None = None) -> Twin:
-    """The twin of the camera that took these bias, dark and flat frames.
+    """Fit the twin of the camera that took these bias, dark and flat frames.
 
     ::
 
         twin = ms.lab.fit("bench/")
         camera = ms.load_camera(twin.tables())
 
-    frames : a folder with a bench.toml or with names that tell bias, dark and flat frames apart; or a bench.
-    progress : None says every ten seconds on stderr how far it is; False says nothing.
+    frames : a bench, or a folder with a bench.toml or with names that distinguish bias, dark and flat frames.
+    progress : None reports progress on stderr every ten seconds; False does not.
 
-    At least one dark stack and flat fields of several levels with 2 frames each are needed; at each gain setting.
-    Raises InputError where frames cannot be read or do not show K or the dark level.
+    Each gain setting needs a dark stack and flat fields at several levels, with 2 frames each.
+    Raises InputError if frames cannot be read or do not show K or the dark level.
     """
     if not is_asked(progress):
         return _fitted(frames, lambda doing, share: None)
@@ -230,13 +260,13 @@ def fit(frames: str | os.PathLike[str] | Bench, *, progress: bool | None = None)
 
 
 def _fitted(frames: str | os.PathLike[str] | Bench, tell: Callable[[str, float], None]) -> Twin:
-    """The twin.  tell : called with what is done and the share of it that is done."""
+    """Return the twin.  tell : called with the present step and the fraction of it that is done."""
     if isinstance(frames, Bench):
         bench = frames
     else:
         bench = read_bench(frames, lambda done, all: tell("reading frames", done / all))
     if not bench.stacks:
-        raise InputError("the bench has no stacks; a twin needs dark frames and flat fields.")
+        raise InputError("the bench has no stacks; give dark frames and flat fields.")
     settings = []
     for number, gain in enumerate(bench.gains):
         tell("fitting", number / len(bench.gains))
@@ -246,13 +276,10 @@ def _fitted(frames: str | os.PathLike[str] | Bench, tell: Callable[[str, float],
 
 
 def held_out(bench: Bench) -> tuple[Bench, Bench]:
-    """(the frames to fit, the frames to compare with): the last quarter of each stack of 8 frames or more is held out.
-
-    Both are views of the same frames.
-    """
+    """Return views of the frames to fit and of those to compare: the last quarter of stacks of at least 8 frames."""
 
     def count(stack: Stack) -> int:
-        return int(SHARE * len(stack)) if len(stack) >= FEWEST else 0
+        return int(HELD_OUT * len(stack)) if len(stack) >= HELD_OUT_OF_MIN else 0
 
     def fitted(stacks: Sequence[Stack]) -> list[Stack]:
         return [replace(s, frames=s.frames[: len(s) - count(s)]) for s in stacks]
@@ -265,10 +292,7 @@ def held_out(bench: Bench) -> tuple[Bench, Bench]:
 
 
 def gains_of(settings: Sequence[Setting]) -> list[dict[str, Any]]:
-    """K, read noise with the shape of its law, black level, row and column noise of each setting.
-
-    Full wells too, where all settings show one.
-    """
+    """Return tables with K, black level and noise of each gain setting, and full wells if all settings show one."""
     wells = all(setting.brightest.limited_by == "well" for setting in settings)
     tails = any(math.isfinite(setting.law.value) for setting in settings)
     tables: list[dict[str, Any]] = []
@@ -292,7 +316,7 @@ def gains_of(settings: Sequence[Setting]) -> list[dict[str, Any]]:
 
 
 def _label(name: str) -> dict[str, Any]:
-    """An ISO speed where the name is a positive number, else the name."""
+    """Return an ISO speed if the name is a positive number, else the name."""
     try:
         speed = float(name)
     except ValueError:
@@ -303,9 +327,9 @@ def _label(name: str) -> dict[str, Any]:
 
 
 def step_notes(settings: Sequence[Setting]) -> list[str]:
-    """Notes where read noise falls in DN while K rises, which one conversion gain cannot do.
+    """Return notes if read noise in DN falls while K rises, which needs another conversion gain.
 
-    With σ² = a²K² + b² (noise before and behind the amplifier) it never falls.
+    With one conversion gain, σ² = a²K² + b² (noise before and after the amplifier) never falls.
     """
     notes = []
     for low, high in zip(settings, settings[1:], strict=False):
@@ -313,7 +337,7 @@ def step_notes(settings: Sequence[Setting]) -> list[str]:
         if after.high < before.low:
             gain, higher_gain = low.gain.quantity.value, high.gain.quantity.value
             notes.append(
-                f"conversion gain changes from {low.name} to {high.name}: K rises from {gain:.3g} to "
+                f"the conversion gain changes from {low.name} to {high.name}: K rises from {gain:.3g} to "
                 f"{higher_gain:.3g} DN/e- while the read noise falls from {before.value:.3g} to {after.value:.3g} DN"
             )
     return notes

@@ -1,4 +1,4 @@
-"""Everything that the frames of one gain setting show of a camera, by the laboratory's own instruments."""
+"""Parameters of a camera from the frames of one gain setting, measured by the instruments of the laboratory."""
 
 from __future__ import annotations
 
@@ -31,23 +31,25 @@ from .evidence import Fitted, frames_of, parts_of, scaled_to
 from .read_law import read_law
 
 Result = TypeVar("Result")
-FEWEST_PIXELS = 8
-"""Rows, and columns, of a frame behind each filter."""
-DIFFERENT = 1e-3
-"""Probability of a larger scatter, below which filters are said to differ."""
+LINES_MIN = 8
+"""Smallest number of rows, and of columns, of each filter."""
+DIFFERENCE_ALARM = 1e-3
+"""Probability of a larger scatter below which filters are said to differ."""
 PLATEAU = 0.2
-"""Variance over the largest one, below which a level is full."""
-SMALLEST_GAIN = 1e-3
-"""Gain of a pixel in the map: dead pixels have none."""
+"""Fraction of the largest variance below which a level is saturated."""
+PIXEL_GAIN_MIN = 1e-3
+"""Smallest gain of a pixel in the map; dead pixels have none."""
 NO_RATIO = no_value("γ", "gain at full well over gain at zero", "", SECTION)
 NO_END = no_value("µ_y.end", "largest linear signal", "DN", SECTION)
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """linear : figures of EMVA 1288 Linear behind one filter.  ratio : γ, gain at the end over gain at zero.
+    """Response of one filter.
 
-    end : the largest signal [DN], linear.  uniformity : PRNU, or None where no flat field suits.
+    linear : figures of EMVA 1288 Linear.  ratio : γ, gain at the end over gain at zero.
+    end : largest linear signal [DN], with an infinite ``high`` if no level is saturated.
+    uniformity : PRNU, or None if no flat field is suitable.
     """
 
     linear: EmvaLinear
@@ -62,23 +64,22 @@ class Response:
 
     @property
     def limited_by(self) -> str:
-        """What ends the range: "well", "ADC" or "not reached"."""
+        """Limit of the range: "well", "ADC" or "not reached"."""
         return self.linear.photon_transfer.peak.limited_by
 
     def straight(self, signal: Float64Array) -> Float64Array:
-        """The linear signal of a signal [DN]."""
+        """Return the linear signal for a signal [DN]."""
         return self.linear.curve.straight(signal)
 
 
 @dataclass(eq=False)
 class Setting:
-    """One gain setting.
+    """Parameters at one gain setting.
 
     name : of the setting.  shape : rows and columns.  bits : of the ADC.  tile : of the colour filters, or empty.
     read, row, column : temporal noise of pixels, rows and columns [DN].  law : λ of the read noise, unknown if normal.
-    frame : jitter of the black level [DN].  responses : by filter.
-    doubling : temperature step that doubles the dark current, or None.
-    notes : what could not be measured, and why.
+    frame : jitter of the black level [DN].  responses : response of each filter.
+    doubling : temperature step that doubles the dark current, or None.  notes : what could not be measured, and why.
     """
 
     name: str
@@ -98,19 +99,22 @@ class Setting:
 
     @property
     def gain(self) -> Fitted:
-        """K [DN/e-], of all filters together."""
+        """K [DN/e-] from all filters together."""
         return weighted_mean([response.gain for response in self.responses.values()])
 
     @property
     def brightest(self) -> Response:
-        """The response of the filter that reaches furthest."""
+        """Response of the filter with the largest signal."""
         return max(
             self.responses.values(),
-            key=lambda one: (one.limited_by != "not reached", one.end.quantity.value),
+            key=lambda response: (
+                response.limited_by != "not reached",
+                response.end.quantity.value,
+            ),
         )
 
     def prnu(self, part: str) -> Fitted:
-        """``pixel``, ``row`` or ``col``, of all filters together."""
+        """Return PRNU of ``pixel``, ``row`` or ``col`` from all filters together."""
         figures: list[Quantity] = []
         for response in self.responses.values():
             if response.uniformity is None:
@@ -123,12 +127,12 @@ class Setting:
         return self.brightest.end.known_as(prnu)
 
     def electrons(self, figure: Fitted) -> Fitted:
-        """A figure in DN, in electrons."""
+        """Return a figure in DN converted to electrons."""
         return figure.known_as(figure.quantity.in_electrons(self.gain.quantity))
 
     @property
     def maps(self) -> dict[str, Float64Array]:
-        """``prnu``, ``prnu_col``, offsets in electrons and ``dark_fpn``, by the names that exposing frames knows."""
+        """Maps by the names of ``ms.expose(…, maps=)``: ``prnu``, ``prnu_col``, offsets [e-] and ``dark_fpn``."""
         gain = self.gain.quantity.value
         maps = {
             f"dsnu_{name}_e": part / gain for name, part in self.dark.offsets.parts().items()
@@ -144,7 +148,7 @@ class Setting:
         return maps
 
     def _gain_maps(self) -> dict[str, Float64Array]:
-        """Gains of pixels and columns; those of the columns of a mosaic, which differ by filter, are in the pixels'."""
+        """Return the gains of pixels and columns; in a mosaic, column gains are part of the pixel map."""
         (height, width), (rows, columns) = self.shape, tile_shape(self.tile)
         pixels, of_columns = np.zeros((height, width)), np.zeros((1, width))
         for number, response in enumerate(self.responses.values()):
@@ -162,29 +166,26 @@ class Setting:
             else:
                 of_columns = parts["col"]
             pixels[number // columns :: rows, number % columns :: columns] = rest
-        return {"prnu": np.maximum(1 + pixels, SMALLEST_GAIN), "prnu_col": 1 + of_columns}
+        return {"prnu": np.maximum(1 + pixels, PIXEL_GAIN_MIN), "prnu_col": 1 + of_columns}
 
 
 def fit_setting(bench: Bench) -> Setting:
-    """Everything that a bench of one gain setting shows.
-
-    Raises InputError where it lacks what every camera file needs.
-    """
+    """Fit all parameters that a bench of one gain setting shows. Raises InputError without K or a dark level."""
     _check(bench)
-    bench, found = sound(bench)
-    # Which filter a pixel has does not matter in the dark.
+    bench, remarks = sound(bench)
+    # In the dark, the colour filter of a pixel has no effect.
     darks = tuple(replace(stack, tile=()) for stack in bench.unlit)
     blind = replace(bench, biases=(), darks=darks, flats=(), scenes=())
     used, notes = _usable(dark_series(blind))
-    notes = [*bench.notes, *found, *notes]
+    notes = [*bench.notes, *remarks, *notes]
     responses = {
         name: _response(part, name, notes) for name, part in bench.of_filters().items()
     }
     gain = weighted_mean([response.gain for response in responses.values()]).quantity
     if not math.isfinite(gain.value) or not gain.low > 0:
-        reasons = dict.fromkeys(one.gain.quantity.note for one in responses.values())
-        why = "; ".join(reasons) or "its interval reaches 0"
-        raise InputError(f"K cannot be measured: {why}. Take flat fields of 5 or more levels.")
+        reasons = dict.fromkeys(response.gain.quantity.note for response in responses.values())
+        why = "; ".join(reasons) or "its interval includes 0"
+        raise InputError(f"K cannot be measured: {why}; take flat fields at 5 or more levels.")
     dark = dark_over_time(used)
     lines, frames = line_noise(dark.quiet), frames_of(dark.quiet)
     temperature = _try(lambda: over_temperature(blind), [])
@@ -212,31 +213,28 @@ def fit_setting(bench: Bench) -> Setting:
 
 
 def _check(bench: Bench) -> None:
-    """Raises InputError where stacks are missing, differ in size, or have too few pixels of each filter."""
+    """Raise InputError if stacks are missing, differ in size, or have too few pixels of each filter."""
     if not bench.unlit or not bench.flats:
         lack = "flat fields" if bench.unlit else "bias or dark frames"
         raise InputError(
-            f"there are no {lack}; a twin needs dark frames and flat fields, 2 frames or more of each."
+            f"the bench has no {lack}; give dark frames and flat fields, at least 2 frames of each."
         )
     sources = {stack.shape: stack.source for stack in bench.stacks}
     if len(sources) > 1:
         sizes = "; ".join(f"{source} is {h} × {w}" for (h, w), source in sources.items())
         raise InputError(
-            f"the frames differ in size: {sizes}. Put frames of one size into a folder."
+            f"the frames differ in size: {sizes}; put frames of one size into a folder."
         )
     (height, width), (rows, columns) = bench.stacks[0].shape, tile_shape(bench.stacks[0].tile)
     smallest = min(height // rows, width // columns)
-    if smallest < FEWEST_PIXELS:
+    if smallest < LINES_MIN:
         raise InputError(
-            f"{bench.stacks[0].source}: {smallest} rows or columns per filter; {FEWEST_PIXELS} are needed."
+            f"{bench.stacks[0].source}: {smallest} rows or columns of each filter; give at least {LINES_MIN}."
         )
 
 
 def _usable(stacks: Sequence[Stack]) -> tuple[list[Stack], list[str]]:
-    """The stacks with 2 frames or more and no clipped values, and notes on the others.
-
-    Raises InputError where there is none.
-    """
+    """Return unclipped stacks with at least 2 frames, and notes on the others. Raises InputError if there are none."""
     inside: list[Stack] = []
     reasons: list[str] = []
     for stack in stacks:
@@ -246,45 +244,45 @@ def _usable(stacks: Sequence[Stack]) -> tuple[list[Stack], list[str]]:
             reasons.append(f"{stack.source}: {stack.clipping.note or f'{len(stack)} frame'}")
     if not inside:
         raise InputError(
-            f"no dark stack has 2 frames or more inside of the ADC's range ({'; '.join(reasons[:3])}); take others."
+            f"no dark stack has 2 frames or more within the ADC's range ({'; '.join(reasons[:3])}); take others."
         )
     return inside, [f"left out: {reason}" for reason in reasons]
 
 
 def _response(bench: Bench, name: str, notes: list[str]) -> Response:
-    """Response of one filter. Raises InputError where the photons that are stated have another unit."""
+    """Measure the response of one filter. Raises InputError if the stated photons have another unit."""
     linear = linear_of(bench)
     efficiency = linear["η"]
     if TOO_EFFICIENT in efficiency.note:
         behind = f" of {name}" if name else ""
         raise InputError(
-            f"the quantum efficiency{behind} cannot be measured: {efficiency.note}. Correct photons in the "
-            "manifest, or leave them out."
+            f"the quantum efficiency{behind} cannot be measured: {efficiency.note}. Correct photons in the manifest, "
+            "or omit them."
         )
     notes += linear.notes
     uniformity = _try(lambda: uniformity_of(bench, linear), notes)
     top, curve = _largest_signal(linear), linear.curve
     bends = NO_RATIO.with_interval((curve.kappa, curve.low, curve.high))
-    ratio = bends.mapped(lambda kappa: 1 + kappa * top.value)
     frames = frames_of(*bench.flats)
+    ratio = bends.mapped(lambda kappa: 1 + kappa * top.value)
     return Response(linear, Fitted(ratio, frames), Fitted(top, frames), uniformity)
 
 
 def _largest_signal(linear: EmvaLinear) -> Quantity:
-    """The linear mean of the brightest level where it is full; else a lower limit."""
+    """Return the linear mean of the brightest level if it is saturated; else a lower bound."""
     levels, end = linear.levels, linear.photon_transfer.peak
     best = int(np.argmax(levels.signal))
     value = float(linear.curve.straight(levels.signal)[best])
     full = levels.excess[best] < PLATEAU * levels.excess.max()
     if not full or end.limited_by == "not reached":
-        note = "the brightest flat field is not full: a lower limit"
+        note = "the brightest flat field is not saturated"
         return NO_END.with_interval((value, value, math.inf)).noted(note)
     error = math.hypot(levels.of_flats("mean_error")[best], levels.of_darks("mean_error")[best])
     return NO_END.with_interval(normal_interval(value, error))
 
 
 def _try(instrument: Callable[[], Result], notes: list[str]) -> Result | None:
-    """Result of an instrument; where it refuses None, and its sentence among the notes."""
+    """Return the result of an instrument, or None with its error among the notes."""
     try:
         return instrument()
     except InputError as error:
@@ -293,12 +291,12 @@ def _try(instrument: Callable[[], Result], notes: list[str]) -> Result | None:
 
 
 def tile_shape(tile: tuple[tuple[str, ...], ...]) -> tuple[int, int]:
-    """Rows and columns of a mosaic's tile; (1, 1) without one."""
+    """Return rows and columns of the tile of a mosaic; (1, 1) without one."""
     return (len(tile), len(tile[0])) if tile else (1, 1)
 
 
 def weighted_mean(figures: Sequence[Fitted]) -> Fitted:
-    """Mean by the width of the intervals; wider where the figures differ by more than these allow."""
+    """Return the mean weighted by the intervals, with a wider interval if the figures differ significantly."""
     known = [
         figure for figure in figures if figure.known and math.isfinite(figure.quantity.high)
     ]
@@ -312,7 +310,7 @@ def weighted_mean(figures: Sequence[Fitted]) -> Fitted:
     error = float((errors**-2).sum()) ** -0.5
     scatter = float((((values - mean) / errors) ** 2).sum())
     note = ""
-    if float(scipy.special.chdtrc(len(values) - 1, scatter)) < DIFFERENT:
+    if float(scipy.special.chdtrc(len(values) - 1, scatter)) < DIFFERENCE_ALARM:
         error *= math.sqrt(scatter / (len(values) - 1))
         note = "the filters differ by more than noise explains"
     quantity = known[0].quantity.with_interval(normal_interval(mean, error))
@@ -320,13 +318,13 @@ def weighted_mean(figures: Sequence[Fitted]) -> Fitted:
 
 
 def root_mean_square(figures: Sequence[Quantity], alike: int = 1) -> Quantity:
-    """Of standard deviations of equally many pixels each; distances to the ends of the intervals in quadrature.
+    """Return the root mean square of standard deviations of equally many pixels, with intervals added in quadrature.
 
-    alike : how many of them are of the same lines, which makes the whole less certain.
+    alike : how many of them share the same lines, which widens the interval.
     """
     if len(figures) == 1 or any(math.isnan(figure.value) for figure in figures):
         return min(figures, key=lambda figure: math.isfinite(figure.value))
-    value, low, high = np.square([[one.value, one.low, one.high] for one in figures]).T
+    value, low, high = np.square([[x.value, x.low, x.high] for x in figures]).T
     count, mean = len(figures), float(value.mean())
     down = math.sqrt(alike * float(np.square(value - low).sum())) / count
     up = math.sqrt(alike * float(np.square(high - value).sum())) / count

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...camera.camera import Camera
 from ...core import Float64Array, InputError
-from ...core.small_files import DEEPEST
+from ...core.small_files import DEPTH_MAX
 from ...files.texts import xml_tree
 from ...optics.calibration import FIT_POINTS, HALF_PIXEL, Calibration, radial_fit
 from .draft import Draft
@@ -352,8 +352,8 @@ def yaml_tables(text: str, file: str) -> dict[str, Any]:
                 name = self.peek_event().anchor
                 raise yaml.YAMLError(f"replace the alias *{name[:40]} by its value")
             self.depth += 1
-            if self.depth > DEEPEST:
-                raise yaml.YAMLError(f"it is nested more than {DEEPEST} deep")
+            if self.depth > DEPTH_MAX:
+                raise yaml.YAMLError(f"it is nested more than {DEPTH_MAX} deep")
             node = super().compose_node(parent, index)
             self.depth -= 1
             return node

@@ -150,7 +150,7 @@ def media(subject: Subject, built: Built) -> Found:
     if not nodes and not any(shape.is_medium_transition() for shape in built.world.shapes()):
         return
     classes = {type(built.integrator).__name__, built.integrator.class_name()}
-    where, take_volpath = scene.where(scene.sensor()), "take 'volpath' (--integrator volpath)"
+    where, take_volpath = scene.where(scene.sensor()), "use integrator='volpath'"
     if not classes & {*VOLUMETRIC}:
         kind = next((node.props.plugin_name() for node in scene.nodes("Integrator")), "path")
         if scene.loaded is not None:

@@ -45,20 +45,20 @@ def refuse_unsuitable(scene: ParsedScene) -> None:
         kind, why = node.props.plugin_name(), ""
         if node == scene.sensor() and kind not in IMAGING:
             another = (
-                f", or take another sensor of the scene: --sensor {others[0]}" if others else ""
+                f", or use another sensor of the scene: sensor={others[0]!r}" if others else ""
             )
             why = why_no_image(kind) + another
         elif kind in INTEGRATORS:
             new = "volpath" if scene.nodes("Medium") else "path"
-            why = f"{kind!r} {INTEGRATORS[kind]}; take {new!r} (--integrator, integrator=)"
+            why = f"{kind!r} {INTEGRATORS[kind]}; use integrator={new!r}"
         elif kind in POLARISING and not is_followed:
             why = (
-                f"{kind!r} acts on polarised light; take a variant that follows it, e.g. --variant "
-                "llvm_ad_spectral_polarized, or --ignore-polarization for unpolarised light"
+                f"{kind!r} acts on polarised light; use a polarised variant, e.g. "
+                "variant='llvm_ad_spectral_polarized', or ignore_polarization=True for unpolarised light"
             )
         elif kind == "timed_sunsky" and not variant.startswith("scalar"):
             # Dr.Jit fails to trace it, and every later render of the process.
-            why = f"{kind!r} of Mitsuba 3.9.1 fails in {variant}; take `--variant scalar_spectral`"
+            why = f"{kind!r} of Mitsuba 3.9.1 fails in {variant}; use variant='scalar_spectral'"
         if why:
             raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {why}.")
 

@@ -85,7 +85,9 @@ def colours(subject: Subject) -> Found:
         by_material.setdefault(material and material.name, []).append(colour.node)
     for name, nodes in by_material.items():
         rule = f"keeps its value at {HELD_FROM_NM:g} nm"
-        remedy = "give measured spectra, or the material, e.g. --infrared 'leaf_*=vegetation'"
+        remedy = (
+            "give measured spectra, or the material, e.g. infrared={'leaf_*': 'vegetation'}"
+        )
         if name is not None:
             rule, remedy = f"is {name!r}", f"measured: {materials()[name].source}"
         rgb, data_nm = f"rgb in {places(len(nodes))}", (0.0, HELD_FROM_NM)

@@ -249,7 +249,7 @@ class LoadedRender:
         notes = [*self.scene.notes]
         if self.parsed.settings.is_default_camera:
             notes.append(
-                f"rendered for {self.camera.name}, because neither you nor the scene named a camera (--camera)"
+                f"rendered for {self.camera.name}, because neither you nor the scene named a camera (camera=)"
             )
         notes += self.parsed.settings.unused_note(self.camera)
         if self.camera.lens.veiling_glare > 0:

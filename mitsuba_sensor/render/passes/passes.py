@@ -141,10 +141,12 @@ class Passes:
     def halves(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return the mean photoelectrons of the even and of the odd passes, shape (H, W, F) each; needs two passes."""
         first = (self.count + 1) // 2
-        odd = self.filters.mean * np.float32(self.count) - self.even
-        means = self.even / np.float32(first), odd / np.float32(self.count - first)
-        even_e, odd_e = (np.maximum(mean, 0) * self.factor for mean in means)
-        return even_e, odd_e
+        sums = self.even, self.filters.mean * np.float32(self.count) - self.even
+        counts = np.float32(first), np.float32(self.count - first)
+        even, odd = (
+            np.maximum(s / n, 0) * self.factor for s, n in zip(sums, counts, strict=True)
+        )
+        return even, odd
 
     def firefly_fraction(self) -> float:
         """Return the fraction of lit pixels whose brightest pass causes three quarters of their squared deviations."""

@@ -57,8 +57,9 @@ class StopCriterion:
             max_seconds=self.max_seconds / count,
             asked=None,
         )
-        if self.end == "max_spp":
-            return replace(part, passes=max(self.passes // count, PASSES_MIN))
+        passes = self.passes // count
+        if self.end == "max_spp" or (self.goal is not None and passes >= PASSES_MIN):
+            return replace(part, passes=max(passes, PASSES_MIN))
         least = PASSES_MIN if self.goal is None else GROUP_SPP
         spp = max(round(self.passes * self.samples / count), least)
         passes, samples = pass_plan(spp, self.repeatable)

@@ -1,8 +1,8 @@
-"""Contrast detection probability, contrast transfer accuracy and contrast-to-noise of two patches (IEEE 2020).
+"""Contrast detection probability and contrast transfer accuracy of two patches (IEEE 2020).
 
-Each pixel of the bright patch makes a contrast with each pixel of the dark one. Contrast transfer accuracy (CTA) is the
-share of these within a bound about the contrast of the scene (Geese et al. 2018 and Artmann et al. 2019 call it
-contrast detection probability); contrast detection probability (CDP) is here the share above the lower bound.
+Each pixel of the bright patch has a contrast with each pixel of the dark patch. Contrast transfer accuracy (CTA) is the
+fraction of these contrasts within bounds about the contrast of the scene (called contrast detection probability by
+Geese et al. 2018 and Artmann et al. 2019). Contrast detection probability (CDP) is the fraction above the lower bound.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SECTION = "IEEE 2020"
-FEWEST_PIXELS = 16
+PIXELS_MIN = 16
 KINDS = ("weber", "michelson")
 
 
 @dataclass(frozen=True, eq=False)
 class Contrast(Figures):
-    """How well two patches show their contrast.
+    """Contrast of two patches.
 
     accuracy : contrast transfer accuracy.  detection : contrast detection probability.
-    mean : contrast of the means of the patches.
-    ratios : of 10 000 pairs of pixels, bright over dark.  bounds : of the ratio, for the accuracy.
+    mean : contrast of the mean values.  ratios : bright over dark for 10 000 pairs of pixels.
+    bounds : of the ratio, for the accuracy.
     """
 
     accuracy: Quantity
@@ -42,7 +42,7 @@ class Contrast(Figures):
     bounds: tuple[float, float]
 
     def plot(self, ax: Axes) -> None:
-        """Histogram of the ratios of pixels, and the bounds."""
+        """Plot a histogram of the ratios of pixels, and the bounds."""
         ax.hist(self.ratios, bins=100, density=True, label="pairs of pixels")
         for number, bound in enumerate(self.bounds):
             ax.axvline(bound, color="k", ls="--", lw=1, label=("bounds", None)[number])
@@ -57,7 +57,7 @@ def contrast_detection(
     tolerance: float = 0.5,
     kind: str = "weber",
 ) -> Contrast:
-    """How often a pair of pixels of two patches shows the contrast of the scene.
+    """Measure how often a pair of pixels of two patches shows the contrast of the scene.
 
     ::
 
@@ -65,20 +65,20 @@ def contrast_detection(
         bright, dark = rng.normal(150, 10, (40, 40)), rng.normal(100, 10, (40, 40))
         print(ms.lab.contrast_detection(bright, dark, 0.5).detection)
 
-    bright, dark : (H, W) or (N, H, W) linear values without the black level, of each patch; frames of a pixel count as
-        one case, since they share its fixed pattern.
+    bright, dark : linear values of each patch without the black level, shape (H, W) or (N, H, W); frames of a pixel are
+        one case, because they share its fixed pattern.
     contrast : of the scene, above 0: bright / dark − 1 ("weber"), or (bright − dark) / (bright + dark) ("michelson").
-    tolerance : bounds are contrast·(1 ± tolerance).
-    Raises InputError for patches of fewer than 16 pixels and contrasts that there are not.
+    tolerance : the bounds are contrast·(1 ± tolerance).
+    Raises InputError for patches of fewer than 16 pixels and impossible contrasts.
     """
     if not isinstance(kind, str) or kind not in KINDS:
         raise InputError(f"kind is {shown(kind)}; it must be one of {', '.join(KINDS)}.")
     largest = {"weber": 1e6, "michelson": 1.0}[kind]
     contrast = require("contrast", contrast, 1e-6, largest, "of the scene, e.g. 0.5")
-    tolerance = require("tolerance", tolerance, 1e-6, 1.0, "a share of the contrast, e.g. 0.5")
+    tolerance = require("tolerance", tolerance, 1e-6, 1.0, "relative to contrast, e.g. 0.5")
     patches = _pixels("bright", bright), _pixels("dark", dark)
     ends = contrast * (1 - tolerance), contrast * (1 + tolerance)
-    if kind == "michelson":  # bright over dark, infinite from a contrast of 1 on
+    if kind == "michelson":  # bright over dark is infinite at a contrast of 1
         low, high = ((1 + c) / (1 - c) if c < 1 else np.inf for c in ends)
     else:
         low, high = 1 + ends[0], 1 + ends[1]
@@ -91,14 +91,12 @@ def contrast_detection(
 
 
 def _pixels(name: str, values: ArrayLike) -> Float64Array:
-    """(frames, pixels) of a patch."""
-    wanted = (
-        f"values (rows, columns) or (frames, rows, columns) of {FEWEST_PIXELS} pixels or more"
-    )
+    """Return a patch as (frames, pixels). Raises InputError."""
+    wanted = f"values (rows, columns) or (frames, rows, columns) of {PIXELS_MIN} pixels or more"
     patch = finite_numbers(name, values, wanted)
     if patch.ndim == 2:
         patch = patch[None]
-    if patch.ndim != 3 or not len(patch) or patch[0].size < FEWEST_PIXELS:
+    if patch.ndim != 3 or not len(patch) or patch[0].size < PIXELS_MIN:
         raise InputError(f"{name} has shape {patch.shape}; pass {wanted}.")
     return patch.reshape(len(patch), -1)
 
@@ -109,7 +107,7 @@ def _share(
     patches: tuple[Float64Array, Float64Array],
     ends: tuple[float, float],
 ) -> Quantity:
-    """Share of all pairs whose ratio lies within the ends; the variance is that of the means over one of each pair."""
+    """Return the fraction of all pairs with a ratio within the ends, with a variance from the means over each patch."""
     bright, dark = patches
     by_bright = _count(np.sort(dark.ravel()), bright, (1 / ends[1], 1 / ends[0])) / dark.size
     by_dark = _count(np.sort(bright.ravel()), dark, ends) / bright.size
@@ -126,7 +124,7 @@ def _share(
 def _count(
     others: Float64Array, values: Float64Array, ends: tuple[float, float]
 ) -> Float64Array:
-    """How many of the sorted others lie between ends times each value; of values above 0."""
+    """Count for each value above 0 the sorted others between ends times the value."""
     lowest, highest = (
         np.where(values > 0, end * np.maximum(values, 1e-300), -np.inf) for end in ends
     )
@@ -138,7 +136,7 @@ def _count(
 
 
 def _mean_contrast(patches: tuple[Float64Array, Float64Array], kind: str) -> Quantity:
-    """Contrast of the means, without value where they are not above 0."""
+    """Return the contrast of the means, without a value unless both are above 0."""
     means = [float(patch.mean()) for patch in patches]
     errors = [
         float(patch.mean(axis=0).std(ddof=1)) / patch.shape[1] ** 0.5 for patch in patches

@@ -16,19 +16,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SECTION = "IEEE 2020"
-FEWEST_PIXELS, FEWEST_FRAMES = 16, 4
-INWARD, OUTWARD = 2.15, 2.55
-"""Ends of the interval [standard errors].
-
-Both halves of the pixels may choose one frame by chance; and the true end of a wave lies beyond the frame that noise
-lets appear as its end, by half a standard error for a sine of many frames."""
+PIXELS_MIN, FRAMES_MIN = 16, 4
+SIGMAS_DOWN, SIGMAS_UP = 2.15, 2.55
+"""Widths of the interval [standard errors]. Both halves of the pixels may choose the same frame at random, and the true
+end of a wave lies half a standard error outside the frame that noise makes its end, for a sine of many frames."""
 
 
 @dataclass(frozen=True, eq=False)
 class Flicker(Figures):
-    """What frames of a flickering light show.
+    """Results of frames of a flickering light.
 
-    means : (N,) of the region in every frame [DN].  error : standard error of each from temporal noise [DN].
+    means : mean of the region in each frame, shape (N,) [DN].  error : its standard error from temporal noise [DN].
     modulation : flicker modulation index.  detection : flicker detection index.  mitigation : probability.
     """
 
@@ -39,7 +37,7 @@ class Flicker(Figures):
     mitigation: Quantity
 
     def plot(self, ax: Axes) -> None:
-        """The region's mean over the frames."""
+        """Plot the mean of the region versus frame number."""
         ax.errorbar(
             range(len(self.means)), self.means, yerr=TWO_SIDED * self.error, fmt="o", ms=3
         )
@@ -54,7 +52,7 @@ def flicker(
     threshold: float = 0.1,
     tolerance: float = 0.1,
 ) -> Flicker:
-    """How much a light flickers in frames of it, how often it is seen, and how often as bright as on average.
+    """Measure how much a light flickers, how often it is detected, and how often it has its mean brightness.
 
     ::
 
@@ -62,28 +60,28 @@ def flicker(
         frames = level[:, None, None] + np.random.default_rng(1).normal(0, 5, (50, 16, 16))
         print(ms.lab.flicker(frames).modulation)
 
-    frames : (N, H, W) linear values without the black level, the pixels of the light alone, at phases by chance.
-    off : level of the same region when the light is off, for the detection index [DN above black].
-    threshold : contrast against off, bright / off − 1, from which on the light is detected.
-    tolerance : share of the mean within which a frame counts as mitigated.
+    frames : linear values of the light's pixels without the black level, shape (N, H, W), at random phases.
+    off : level of the region with the light off, for the detection index [DN above black].
+    threshold : contrast bright / off − 1 from which on the light is detected.
+    tolerance : relative deviation from the mean within which a frame counts as mitigated.
     Raises InputError for fewer than 4 frames or 16 pixels, and for regions that are not brighter than black.
     """
-    wanted = f"{FEWEST_FRAMES} frames or more of {FEWEST_PIXELS} pixels or more (frames, rows, columns)"
+    wanted = f"at least {FRAMES_MIN} frames of {PIXELS_MIN} pixels (frames, rows, columns)"
     pixels = finite_numbers("frames", frames, wanted)
-    if pixels.ndim != 3 or len(pixels) < FEWEST_FRAMES or pixels[0].size < FEWEST_PIXELS:
+    if pixels.ndim != 3 or len(pixels) < FRAMES_MIN or pixels[0].size < PIXELS_MIN:
         raise InputError(f"frames has shape {pixels.shape}; pass {wanted}.")
     threshold = require("threshold", threshold, 0.0, 1e6, "a contrast, e.g. 0.1")
-    tolerance = require("tolerance", tolerance, 0.0, 1.0, "a share of the mean, e.g. 0.1")
+    tolerance = require("tolerance", tolerance, 0.0, 1.0, "relative to the mean, e.g. 0.1")
     rows = pixels.reshape(len(pixels), -1)
     means = rows.mean(axis=1)
     if not means.mean() > 0:
         raise InputError(
-            "the region is not brighter than black; take off the black level only."
+            f"frames has a mean of {means.mean():.3g}, not brighter than black; subtract only the black level."
         )
     errors = _errors(rows, means)
     if not means.mean() > TWO_SIDED * np.sqrt(np.square(errors).mean() / len(means)):
         raise InputError(
-            "the region is as dark as its noise; pass the pixels of the light alone."
+            "frames are as dark as their noise; pass only the pixels of the light."
         )
     detection = no_value("FDI", "flicker detection index", "", SECTION)
     if off is None:
@@ -100,7 +98,7 @@ def flicker(
 
 
 def _errors(rows: Float64Array, means: Float64Array) -> Float64Array:
-    """Standard error of the mean of every frame, from what its pixels differ from a line of the mean pixels."""
+    """Return the standard error of each frame's mean, from the deviations of its pixels from a scaled mean frame."""
     pattern = rows.mean(axis=0) - rows.mean()
     centred = rows - means[:, None]
     power = max(float(pattern @ pattern), 1e-300)
@@ -111,9 +109,9 @@ def _errors(rows: Float64Array, means: Float64Array) -> Float64Array:
 
 
 def _modulation(rows: Float64Array, errors: Float64Array) -> Quantity:
-    """(largest − smallest) / (largest + smallest) of the levels of the frames.
+    """Return (largest − smallest) / (largest + smallest) of the levels of the frames.
 
-    Every second pixel says which frame has the end, and the others how bright it is: noise does not add to it.
+    Every second pixel selects the extreme frames, and the others give their levels, so noise does not add.
     """
     halves = [part.mean(axis=1) for part in (rows[:, ::2], rows[:, 1::2])]
     top = [int(np.argmax(half)) for half in halves]
@@ -125,6 +123,6 @@ def _modulation(rows: Float64Array, errors: Float64Array) -> Quantity:
     steps = np.array([errors[top].mean(), errors[bottom].mean()])
     error = float(np.hypot(*(slopes * steps)))
     value = min(max(float(size), 0.0), 1.0)
-    low, high = float(size) - INWARD * error, float(size) + OUTWARD * error
+    low, high = float(size) - SIGMAS_DOWN * error, float(size) + SIGMAS_UP * error
     ends = max(min(low, value), 0.0), min(max(high, value), 1.0)
     return Quantity("FMI", "flicker modulation index", value, *ends, "", SECTION)

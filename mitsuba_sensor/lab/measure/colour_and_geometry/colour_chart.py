@@ -1,4 +1,4 @@
-"""A chart of known colours: ΔE00 through a fitted colour matrix, and the error of the white balance on its greys."""
+"""A chart of known colours: ΔE00 after a fitted colour matrix, and the error of the white balance on its greys."""
 
 from __future__ import annotations
 
@@ -29,24 +29,26 @@ if TYPE_CHECKING:
 SECTION = "CIE 142:2001 ΔE00"
 BALANCE = "sum over the grey patches"
 GREYS = tuple(range(18, 24))
-"""Patches of a ColorChecker that are neutral, from white to black."""
+"""Neutral patches of a ColorChecker, from white to black."""
 DRAWS, SEED = 400, 2000
-"""Draws of the noise of the patches, and their seed."""
-STEP = 1e-6
-"""Of white, for the slopes of CIELAB."""
+"""Number of draws of the patches' noise, and their seed."""
+XYZ_STEP = 1e-6
+"""Step of XYZ for the slopes of CIELAB; white has Y = 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class ColourChart(Figures):
-    """What a chart of known colours shows.
+    """Results of a chart of known colours.
 
-    measured_lab, reference_lab : (P, 3) CIELAB of the patches in daylight.  matrix : (3, C), from values to XYZ.
-    delta_e : (P,) ΔE00 of each patch, with noise.  mean, largest : of these, without what noise adds.
-    balance : error of the white balance of each channel against the second [%].
+    measured_lab, reference_lab : CIELAB of the patches in daylight, shape (P, 3).  colours : of the reference in sRGB.
+    matrix : from values to XYZ, (3, C).
+    delta_e : ΔE00 of each patch including noise, (P,).  mean, largest : of these, without the contribution of noise.
+    balance : error of the white balance of each channel relative to the second [%].
     """
 
     measured_lab: Float64Array
     reference_lab: Float64Array
+    colours: Float64Array
     matrix: Float64Array
     delta_e: Float64Array
     mean: Quantity
@@ -54,12 +56,16 @@ class ColourChart(Figures):
     balance: tuple[Quantity, ...]
 
     def plot(self, ax: Axes) -> None:
-        """The patches in the plane of a* and b*: circles as they should be, lines to where the camera has them."""
+        """Plot the patches in the a*b* plane: circles for the reference, lines to the colours of the camera."""
         reference, measured = self.reference_lab[:, 1:].T, self.measured_lab[:, 1:].T
         ax.plot([reference[0], measured[0]], [reference[1], measured[1]], color="0.4", lw=1)
-        colours = _displayed(self.reference_lab)
         ax.scatter(
-            reference[0], reference[1], c=colours, s=60, edgecolors="0.4", label="reference"
+            reference[0],
+            reference[1],
+            c=self.colours,
+            s=60,
+            edgecolors="0.4",
+            label="reference",
         )
         ax.scatter(measured[0], measured[1], c="k", s=6, label="camera")
         ax.set(xlabel="a*", ylabel="b*")
@@ -67,14 +73,14 @@ class ColourChart(Figures):
 
 
 class _Patches(NamedTuple):
-    """values : (P, C) means.  errors : (P, C) their standard errors."""
+    """Means of the patches and their standard errors, shape (P, C) each."""
 
     values: Float64Array
     errors: Float64Array
 
 
 class _Fit(NamedTuple):
-    """matrix : (3, C).  lab : (P, 3).  noise : (3P, P·C), what a change of each value changes in CIELAB."""
+    """matrix : (3, C).  lab : CIELAB, (P, 3).  noise : influence of each value on CIELAB, (3P, P·C)."""
 
     matrix: Float64Array
     lab: Float64Array
@@ -89,7 +95,7 @@ def colour_chart(
     greys: Sequence[int] = GREYS,
     white_balance: ArrayLike | None = None,
 ) -> ColourChart:
-    """Colour differences of a chart through the 3 × C matrix that fits best, and the error of its white balance.
+    """Measure colour differences after the best 3 × C matrix, and the error of the white balance.
 
     ::
 
@@ -99,13 +105,13 @@ def colour_chart(
         chart = ms.lab.colour_chart(planes, regions, reference_xyz=xyz)
         print(chart.mean)
 
-    planes : (H, W, C) linear values without the black level, in C = 3 or more channels: red, green, blue, …; of a
+    planes : linear values without the black level, shape (H, W, C), in at least 3 channels: red, green, blue, …; for a
         mosaic the planes of its filters, np.stack([r, g, b], axis=2).
     regions : (first row, first column, rows, columns) of each patch.
-    reference_xyz : (P, 3) of the patches in daylight (D65), white has Y = 1; by default a ColorChecker (ISO 17321-1).
-    greys : which patches are neutral, two or more, the brightest first; () for no white balance.
-    white_balance : (C,) factors that the camera states; by default those of the brightest of the greys.
-    Raises InputError for patches outside of the planes, clipped to 0 or fewer than the matrix needs.
+    reference_xyz : XYZ of the patches in daylight (D65), (P, 3), white has Y = 1. Default: ColorChecker (ISO 17321-1).
+    greys : numbers of at least two neutral patches, the brightest first; () for no white balance.
+    white_balance : factors that the camera states, (C,). Default: from the brightest grey.
+    Raises InputError for patches outside of the planes, patches clipped to 0, and too few patches for the matrix.
     """
     if reference_xyz is None:
         reference_xyz = spectra.color_checker_xyz()
@@ -117,28 +123,33 @@ def colour_chart(
     regions, least = require_regions(regions), pixels.shape[2] + 1
     if reference.shape != (len(regions), 3) or len(regions) < least:
         raise InputError(
-            f"reference_xyz has shape {reference.shape} for {len(regions)} patches; pass (P, 3) of {least} or more."
+            f"reference_xyz has shape {reference.shape} for {len(regions)} patches; pass (P, 3) for at least {least}."
         )
     if not (reference > 0).all():
-        raise InputError("reference_xyz must be above 0 in every patch.")
+        raise InputError(
+            f"reference_xyz has values from {reference.min():g}; pass values above 0 for each patch."
+        )
     patches = _measure(pixels, regions)
     fit = _fit_matrix(patches.values, reference)
     reference_lab = spectra.lab(reference)
     mean, largest = _differences(fit, patches.errors, reference_lab)
     balance = _balance(patches, greys, white_balance)
     delta_e = spectra.delta_e_2000(fit.lab, reference_lab)
-    return ColourChart(fit.lab, reference_lab, fit.matrix, delta_e, mean, largest, balance)
+    colours = spectra.srgb_curve(np.clip(reference @ spectra.XYZ_TO_SRGB.T, 0, 1))
+    return ColourChart(
+        fit.lab, reference_lab, colours, fit.matrix, delta_e, mean, largest, balance
+    )
 
 
 def _measure(pixels: Float64Array, regions: Sequence[Region]) -> _Patches:
-    """Mean of every patch and its standard error, from the scatter of its pixels about a plane."""
+    """Return the mean of each patch and its standard error, from the scatter of its pixels about a plane."""
     values, errors = [], []
     for region in regions:
         part = pixels[slices_of(region, pixels.shape)]
         mean = part.mean(axis=(0, 1))
         if not (mean > 0).all():
             raise InputError(
-                f"the patch {tuple(region)} has means {mean}; every channel must be above 0, which is the black level."
+                f"the patch {tuple(region)} has means {mean}; every channel must be above 0, the black level."
             )
         variance = [variance_about_plane(plane) for plane in np.moveaxis(part, 2, 0)]
         values.append(mean)
@@ -147,7 +158,7 @@ def _measure(pixels: Float64Array, regions: Sequence[Region]) -> _Patches:
 
 
 def _fit_matrix(values: Float64Array, reference: Float64Array) -> _Fit:
-    """The matrix for which the sum of the squares of the distances in CIELAB is least."""
+    """Return the matrix with the least sum of squared distances in CIELAB."""
     target = spectra.lab(reference)
     channels = values.shape[1]
     weight = 1 / np.sqrt(reference[:, 1:2])
@@ -171,19 +182,19 @@ def _fit_matrix(values: Float64Array, reference: Float64Array) -> _Fit:
 
 
 def _lab_slopes(xyz: Float64Array) -> Float64Array:
-    """(P, 3, 3), slopes of CIELAB by X, Y and Z."""
-    steps = STEP * np.eye(3)[:, None]
+    """Return the derivatives of CIELAB by X, Y and Z, shape (P, 3, 3)."""
+    steps = XYZ_STEP * np.eye(3)[:, None]
     change = np.array([spectra.lab(xyz + step) - spectra.lab(xyz - step) for step in steps])
-    return np.asarray(change.transpose(1, 2, 0) / (2 * STEP))
+    return np.asarray(change.transpose(1, 2, 0) / (2 * XYZ_STEP))
 
 
 def _differences(
     fit: _Fit, errors: Float64Array, reference: Float64Array
 ) -> tuple[Quantity, Quantity]:
-    """Mean and largest ΔE00.  errors : (P, C) of the values of the patches.
+    """Return mean and largest ΔE00.  errors : standard errors of the patches' values, (P, C).
 
-    What the noise of the patches adds to a distance is taken off: as much as drawing it once more adds. Where all
-    distances may be noise (χ² at 5 %), the intervals begin at 0.
+    The contribution of noise is subtracted; drawing the noise once more gives its size. If all distances may be noise
+    (χ² at 5 %), the intervals begin at 0.
     """
     influence = fit.noise * errors.ravel()
     draws = np.random.default_rng(SEED).normal(size=(DRAWS, influence.shape[1])) @ influence.T
@@ -211,24 +222,24 @@ def _differences(
 
 
 def _is_chance(square: float, freedom: int) -> bool:
-    """Whether so large a sum of squares of normal values happens in more than 5 % of all cases."""
+    """Return True if such a large sum of squares of normal values has a probability above 5 %."""
     return square < float(scipy.special.chdtri(freedom, 1 - LEVEL))
 
 
 def _balance(
     patches: _Patches, greys: Sequence[int], white_balance: ArrayLike | None
 ) -> tuple[Quantity, ...]:
-    """How far the sum of each channel over the greys is from that of the second, after balancing [%]."""
+    """Return the deviation of each balanced channel, summed over the greys, from the second channel [%]."""
     count = len(patches.values)
     try:
         numbers = [operator.index(grey) for grey in greys]
-    except TypeError:  # no whole numbers
+    except TypeError:  # not whole numbers
         numbers = [-1]
     if not numbers:
         return ()
     if not set(numbers) <= set(range(count)) or len(set(numbers)) < 2:
         raise InputError(
-            f"greys is {shown(greys)}; pass numbers of two patches or more, from 0 to {count - 1}, or ()."
+            f"greys is {shown(greys)}; pass numbers of at least two patches, from 0 to {count - 1}, or ()."
         )
     first, rest = numbers[0], numbers[1:]
     factors = patches.values[first, 1] / patches.values[first]
@@ -237,7 +248,7 @@ def _balance(
         factors = finite_numbers("white_balance", white_balance, "a factor for each channel")
         if factors.shape != patches.values.shape[1:] or not (factors > 0).all():
             raise InputError(
-                f"white_balance has shape {factors.shape}; pass a factor above 0 for each of "
+                f"white_balance has shape {factors.shape}; pass a factor above 0 for each of the "
                 f"{patches.values.shape[1]} channels."
             )
         rest, shared = numbers, np.zeros_like(factors)
@@ -251,12 +262,3 @@ def _balance(
         interval = normal_interval(100 * (ratio - 1), 100 * float(error))
         quantities.append(Quantity(f"WB_{channel}", name, *interval, "%", BALANCE))
     return tuple(quantities)
-
-
-def _displayed(lab: Float64Array) -> Float64Array:
-    """Colours on a screen, about, of CIELAB in daylight."""
-    middle = (lab[:, :1] + 16) / 116
-    offsets = lab[:, 1:] / [500.0, -200.0]
-    roots = np.column_stack([middle + offsets[:, :1], middle, middle + offsets[:, 1:]])
-    linear = np.clip(roots, 0, None) ** 3 * spectra.D65_XYZ @ spectra.XYZ_TO_SRGB.T
-    return spectra.srgb_curve(np.clip(linear, 0, 1))

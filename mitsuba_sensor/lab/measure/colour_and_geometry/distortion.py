@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 SECTION, LINE_SECTION = "ISO 17850 local geometric distortion", "ISO 17850 line distortion"
 TV_SECTION = "SMIA TV distortion"
 LATERAL_SECTION = "ISO 19084"
-FEWEST_POINTS = 12
+POINTS_MIN = 12
 
 
 @dataclass(frozen=True, eq=False)
 class Distortion(Figures):
-    """Distortion of a lens, from points of a plane chart.
+    """Distortion of a lens from points of a plane chart.
 
-    local : distortion of the corner, real over ideal image height less 1 [%].
-    tv : how much taller the picture is at its sides than in its middle [%].
-    lines : of a horizontal and of a vertical line that without distortion would be a side of the picture: how far its
-    ends lie outside of its middle, over the picture's height and width [%]. Barrels have negative ones.
-    coefficients : k1, k2 of the growth 1 + k1·h² + k2·h⁴, the height h is 1 in the corner.
+    local : distortion in the corner, real over ideal image height minus 1 [%].
+    tv : relative height of the image at its sides over its middle, minus 1 [%].
+    lines : bend of a horizontal and a vertical line that would be a side of the undistorted image: distance of its ends
+    outside of its middle, over the height and the width of the image [%]; negative for barrel distortion.
+    coefficients : k1, k2 of the growth 1 + k1·h² + k2·h⁴ at image height h, 1 in the corner.
     """
 
     local: Quantity
@@ -40,7 +40,7 @@ class Distortion(Figures):
     coefficients: tuple[float, float]
 
     def plot(self, ax: Axes) -> None:
-        """Local distortion over the image height."""
+        """Plot local distortion versus image height."""
         height = np.linspace(0, 1, 101)
         first, second = self.coefficients
         ax.plot(height, 100 * (first * height**2 + second * height**4))
@@ -48,7 +48,7 @@ class Distortion(Figures):
 
 
 def distortion(points_px: ArrayLike, chart: ArrayLike, shape: tuple[int, int]) -> Distortion:
-    """Distortion of a picture of a plane chart, which may be turned, tilted and off the centre.
+    """Measure distortion in an image of a plane chart, which may be rotated, tilted and off-centre.
 
     ::
 
@@ -56,9 +56,9 @@ def distortion(points_px: ArrayLike, chart: ArrayLike, shape: tuple[int, int]) -
         points = 50 + 20 * chart + np.random.default_rng(1).normal(0, 0.05, chart.shape)
         print(ms.lab.distortion(points, chart, (220, 260)).local)
 
-    points_px : (N, 2), x and y of points of the chart in the picture, from its corner.
-    chart : (N, 2), x and y of the same points on the chart, in any unit.
-    shape : (rows, columns) of the picture; the lens is centred on its middle.
+    points_px : x and y of points of the chart in the image, from its corner, shape (N, 2) [px].
+    chart : x and y of the same points on the chart, shape (N, 2), in any unit.
+    shape : (rows, columns) of the image; the lens is centred on its middle.
     Raises InputError for fewer than 12 points.
     """
     points, plane = _pair("points_px", points_px, "chart", chart)
@@ -91,26 +91,26 @@ def distortion(points_px: ArrayLike, chart: ArrayLike, shape: tuple[int, int]) -
 
 
 class _Lens(NamedTuple):
-    """k1 and k2 with their covariance and its degrees of freedom."""
+    """Coefficients k1 and k2 with their covariance and its degrees of freedom."""
 
     coefficients: Float64Array
     covariance: Float64Array
     freedom: int
 
     def weighted(self, *weights: float) -> tuple[float, float, float]:
-        """(value, low, high) of a sum of weighted coefficients."""
+        """Return (value, low, high) of a sum of weighted coefficients."""
         slopes = np.array(weights)
         error = float(np.sqrt(slopes @ self.covariance @ slopes))
         return student_interval(float(slopes @ self.coefficients), error, self.freedom)
 
 
 def _growth(square: Float64Array, coefficients: Float64Array) -> Float64Array:
-    """Real over ideal image height."""
+    """Return real over ideal image height."""
     return np.asarray(1 + square * (coefficients[0] + square * coefficients[1]))
 
 
 def _tv(lens: _Lens, top: float) -> Quantity:
-    """Growth of the corner over that in the middle of the upper side, less 1.  top : its height."""
+    """Return the growth in the corner over the growth in the middle of the upper side, minus 1.  top : its height."""
     side, middle = (float(_growth(np.array(h**2), lens.coefficients)) for h in (1.0, top))
     ratio = side / middle
     slopes = (np.ones(2) - ratio * np.array([top**2, top**4])) / middle
@@ -120,7 +120,7 @@ def _tv(lens: _Lens, top: float) -> Quantity:
 
 
 def _line(lens: _Lens, middle: float, symbol: str, name: str) -> Quantity:
-    """Growth in the corner less that in the middle of a side, over two.  middle : height of the latter."""
+    """Return half the difference of growth between the corner and the middle of a side.  middle : its height."""
     interval = lens.weighted(50 * (1 - middle**2), 50 * (1 - middle**4))
     return Quantity(symbol, name, *interval, "%", LINE_SECTION)
 
@@ -128,7 +128,7 @@ def _line(lens: _Lens, middle: float, symbol: str, name: str) -> Quantity:
 def lateral_colour(
     points_px: ArrayLike, other_px: ArrayLike, shape: tuple[int, int]
 ) -> Quantity:
-    """How much farther from the centre one channel has the corner than another [px].
+    """Measure how much farther from the centre one channel has the corner than another [px].
 
     ::
 
@@ -136,8 +136,8 @@ def lateral_colour(
         red = 100 + 1.002 * (green - 100)
         print(ms.lab.lateral_colour(red, green, (200, 200)))
 
-    points_px, other_px : (N, 2), x and y of the same points of a chart in the two channels, from the picture's corner.
-    shape : (rows, columns) of the picture.
+    points_px, other_px : x and y of the same points of a chart in two channels, from the corner, shape (N, 2) [px].
+    shape : (rows, columns) of the image.
     Raises InputError for fewer than 12 points.
     """
     points, other = _pair("points_px", points_px, "other_px", other_px)
@@ -146,9 +146,7 @@ def lateral_colour(
     place = (other - half) / corner
     square = np.square(place).sum(axis=1, keepdims=True)
     shapes = np.stack([place, place * square], axis=-1).reshape(-1, 2)
-    shift = np.tile(
-        np.eye(2), (len(place), 1)
-    )  # a shift of the whole channel is no lateral colour
+    shift = np.tile(np.eye(2), (len(place), 1))  # of the whole channel, not lateral colour
     design = np.column_stack([shapes, shift])
     values = (points - other).ravel()
     inverse = np.linalg.pinv(design)
@@ -162,25 +160,26 @@ def lateral_colour(
 
 
 def _half(shape: tuple[int, int]) -> Float64Array:
-    """Half the columns and rows of a picture, (x, y)."""
-    rows, columns = require_pair("shape", shape, "(rows, columns) of the picture")
+    """Return half the columns and rows of an image, (x, y)."""
+    wanted = "(rows, columns) of the image"
+    rows, columns = require_pair("shape", shape, wanted)
     for count in (rows, columns):
-        require("shape", count, 2, 1e6, "(rows, columns) of the picture")
+        require("shape", count, 2, 1e6, wanted)
     return np.array([columns, rows]) / 2
 
 
 def _pair(
     name: str, points: ArrayLike, other_name: str, others: ArrayLike
 ) -> tuple[Float64Array, Float64Array]:
-    """Two arrays (N, 2) of the same points."""
-    wanted = f"x and y (N, 2) of {FEWEST_POINTS} points or more"
+    """Return two arrays (N, 2) of the same points. Raises InputError."""
+    wanted = f"x and y (N, 2) of at least {POINTS_MIN} points"
     pair = finite_numbers(name, points, wanted), finite_numbers(other_name, others, wanted)
     for title, array in zip((name, other_name), pair, strict=True):
         alike = array.shape == pair[0].shape and array.ndim == 2 and array.shape[1:] == (2,)
-        if not alike or len(array) < FEWEST_POINTS:
+        if not alike or len(array) < POINTS_MIN:
             raise InputError(f"{title} has shape {array.shape}; pass {wanted}.")
         if np.linalg.matrix_rank(array - array.mean(axis=0)) < 2:
             raise InputError(
-                f"{title} has all points on a line; pass points from all over the picture."
+                f"{title} has all points on a line; pass points from the whole image."
             )
     return pair

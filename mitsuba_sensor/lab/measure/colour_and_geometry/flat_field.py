@@ -1,4 +1,4 @@
-"""Relative illumination and colour shading of an evenly lit surface (ISO 17957)."""
+"""Relative illumination and colour shading under uniform illumination (ISO 17957)."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
 SECTION = "ISO 17957"
 ORDER = 8
-"""Of the polynomial of the place that light over the field is."""
-BLOCKS = 48
-"""Blocks of pixels along each side, at most, whose means are fitted."""
-SMALLEST = 16
+"""Order of the polynomial that describes the light over the field."""
+BLOCKS_MAX = 48
+"""Largest number of blocks of pixels along each side, whose means are fitted."""
+SIDE_MIN = 16
 CORNERS = np.array([[0.0, 0.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
-"""Centre and corners (x, y), in halves of the picture."""
+"""Centre and corners (x, y), in halves of the image."""
 
 
 class _Field(NamedTuple):
-    """values : of the centre and the corners.  covariance : (5, 5) of these.  freedom : of the scatter."""
+    """Light in the centre and the corners, with its covariance (5, 5) and degrees of freedom."""
 
     values: Float64Array
     covariance: Float64Array
@@ -36,11 +36,11 @@ class _Field(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FlatField(Figures):
-    """What an evenly lit surface shows.
+    """Results of a flat field.
 
-    illumination : of the corners over the centre, one for each channel [%].
-    shading : of each channel over the second, at the corners less at the centre [% of the centre].
-    fields : the fitted polynomials of each channel.
+    illumination : corners over centre, for each channel [%].
+    shading : ratio of each channel to the second, in the corners relative to the centre, minus 1 [%].
+    fields : coefficients of the fitted polynomial of each channel.
     """
 
     illumination: tuple[Quantity, ...]
@@ -48,7 +48,7 @@ class FlatField(Figures):
     fields: tuple[Float64Array, ...]
 
     def plot(self, ax: Axes) -> None:
-        """Light from the centre along the diagonal, over that of the centre."""
+        """Plot the light along the diagonal, relative to the centre."""
         place = np.linspace(0.0, 1.0, 101)
         for number, coefficients in enumerate(self.fields):
             light = _powers(place, place) @ coefficients
@@ -59,7 +59,7 @@ class FlatField(Figures):
 
 
 def flat_field(planes: ArrayLike) -> FlatField:
-    """Relative illumination and colour shading of a picture of an evenly lit surface.
+    """Measure relative illumination and colour shading in an image of a uniformly lit surface.
 
     ::
 
@@ -67,20 +67,20 @@ def flat_field(planes: ArrayLike) -> FlatField:
         light = 1000 / (1 + 0.1 * (x**2 + y**2)) ** 2
         print(ms.lab.flat_field(light).illumination[0])
 
-    planes : (H, W) linear values without the black level, or (H, W, C) in some channels: red, green, blue, …; the
-        mean of some frames.
-    Raises InputError for pictures of fewer than 16 × 16 pixels and those that are dark in the centre.
+    planes : mean of several frames, linear values without the black level, shape (H, W), or (H, W, C) for channels red,
+        green, blue, ….
+    Raises InputError for images of fewer than 16 × 16 pixels, and for images that are dark in the centre or a corner.
     """
-    wanted = f"values (rows, columns) or (rows, columns, channels) of {SMALLEST} × {SMALLEST} pixels or more"
+    wanted = f"values (rows, columns) or (rows, columns, channels) of {SIDE_MIN} × {SIDE_MIN} pixels or more"
     pixels = finite_numbers("planes", planes, wanted)
     if pixels.ndim == 2:
         pixels = pixels[..., None]
-    if pixels.ndim != 3 or min(pixels.shape[:2]) < SMALLEST or not pixels.shape[2]:
+    if pixels.ndim != 3 or min(pixels.shape[:2]) < SIDE_MIN or not pixels.shape[2]:
         raise InputError(f"planes has shape {pixels.shape}; pass {wanted}.")
     fields = [_fit_field(plane) for plane in np.moveaxis(pixels, 2, 0)]
     if not min(field.values.min() for field in fields) > 0:
         raise InputError(
-            "planes are dark in the centre or a corner; pass light above the black level."
+            "planes is dark in the centre or a corner; pass light above the black level."
         )
     illumination = tuple(_relative(field, number) for number, field in enumerate(fields))
     others = [number for number in range(len(fields)) if number != 1 and len(fields) > 1]
@@ -89,15 +89,15 @@ def flat_field(planes: ArrayLike) -> FlatField:
 
 
 def _powers(x: Float64Array, y: Float64Array) -> Float64Array:
-    """(N, k), products of Legendre's polynomials up to an order."""
+    """Return products of Legendre polynomials up to the order, shape (N, k)."""
     columns = np.polynomial.legendre.legvander2d(x, y, [ORDER, ORDER])
     total = np.add.outer(np.arange(ORDER + 1), np.arange(ORDER + 1)).ravel()
     return np.asarray(columns[:, total <= ORDER])
 
 
 def _fit_field(plane: Float64Array) -> _Field:
-    """A polynomial through the means of blocks of pixels."""
-    blocks = [min(count // 2, BLOCKS) for count in plane.shape]
+    """Fit a polynomial to the means of blocks of pixels."""
+    blocks = [min(count // 2, BLOCKS_MAX) for count in plane.shape]
     edges = [
         np.linspace(0, n, b + 1).astype(int) for n, b in zip(plane.shape, blocks, strict=True)
     ]
@@ -119,7 +119,7 @@ def _fit_field(plane: Float64Array) -> _Field:
 
 
 def _relative(field: _Field, number: int) -> Quantity:
-    """Mean of the corners over the centre."""
+    """Return the mean of the corners over the centre."""
     ratio, error = _corners_over_centre(field)
     name = f"relative illumination of the corners, channel {number}"
     interval = student_interval(100 * ratio, 100 * error, field.freedom)
@@ -127,7 +127,7 @@ def _relative(field: _Field, number: int) -> Quantity:
 
 
 def _corners_over_centre(field: _Field) -> tuple[float, float]:
-    """The ratio and its standard error."""
+    """Return the mean of the corners over the centre, and its standard error."""
     centre, corners = field.values[0], field.values[1:].mean()
     ratio = float(corners / centre)
     slopes = np.array([-ratio, 0.25, 0.25, 0.25, 0.25]) / centre
@@ -135,11 +135,11 @@ def _corners_over_centre(field: _Field) -> tuple[float, float]:
 
 
 def _shading(field: _Field, green: _Field, number: int) -> Quantity:
-    """How much the ratio of two channels differs between the corners, all together, and the centre."""
-    own, own_error = _corners_over_centre(field)
-    other, other_error = _corners_over_centre(green)
-    ratio = own / other
-    error = ratio * float(np.hypot(own_error / own, other_error / other))
+    """Return the ratio of a channel to green in the corners, relative to the centre, minus 1."""
+    channel, channel_error = _corners_over_centre(field)
+    reference, reference_error = _corners_over_centre(green)
+    ratio = channel / reference
+    error = ratio * float(np.hypot(channel_error / channel, reference_error / reference))
     name = f"colour shading, channel {number} over channel 1"
     interval = student_interval(100 * (ratio - 1), 100 * error, field.freedom)
     return Quantity(f"CS_{number}", name, *interval, "%", SECTION)

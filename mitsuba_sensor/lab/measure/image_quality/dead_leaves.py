@@ -1,9 +1,9 @@
-"""Texture modulation transfer of a dead-leaves chart, with its 95 % band; noise is not in it.
+"""Texture MTF of a dead-leaves chart without noise, with its 95 % band.
 
-The spectrum of the picture is compared with that of the chart itself, which is known, in overlapping tiles (Welch).
-``"cross"``: their product (Kirk et al. 2014): what is not of the chart, noise and artefacts, has no part in it. The
-picture must lie on the chart within a fraction of a pixel. ``"power"``: the power of the picture over that of the chart
-(Cao et al. 2010, ISO 19567-2), from products of different frames, which have no temporal noise in common.
+The spectrum of the image is compared with the spectrum of the known chart in overlapping tiles (Welch). ``"cross"``
+uses their product (Kirk et al. 2014), in which noise and artefacts cancel; the image must be aligned with the chart to
+a fraction of a pixel. ``"power"`` uses the power of the image over the power of the chart (Cao et al. 2010, ISO
+19567-2), from products of different frames, which share no temporal noise.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from .modulation import Modulation, OfModulation, picture_of
 
 SECTIONS = {"cross": "Kirk et al. 2014", "power": "ISO 19567-2"}
 TILE_PX = 64
-SMALLEST_TILE_PX = 32
-FEWEST_TILES = 4
-"""Side by side along the shorter side, half a tile apart."""
+TILE_MIN_PX = 32
+TILES_MIN = 4
+"""Smallest number of tiles along the shorter side, half a tile apart."""
 
 
 @dataclass(frozen=True, eq=False)
 class DeadLeaves(OfModulation):
-    """Modulation transfer of texture.
+    """Texture MTF.
 
-    modulation : over the frequency in any direction.
+    modulation : versus frequency, averaged over all directions.
     """
 
 
 class _Tiles(NamedTuple):
-    """Of every tile and ring of frequencies: sums of the products of picture and chart, and of the chart's power.
+    """Sums of the products of image and chart, and of the chart's power, in each tile and ring of frequencies.
 
-    frequency : mean of the chart's power in each ring [cycles per sample].
+    frequency : mean frequency of the chart's power in each ring [cycles per sample].
     """
 
     product: NDArray[np.complex128]
@@ -53,7 +53,7 @@ def dead_leaves(
     method: str = "cross",
     sample_px: float = 1.0,
 ) -> DeadLeaves:
-    """Modulation transfer of texture: of frames of a random pattern whose picture is known.
+    """Measure the texture MTF in frames of a known random pattern.
 
     ::
 
@@ -61,12 +61,12 @@ def dead_leaves(
         blurred = (chart + np.roll(chart, 1, axis=1)) / 2
         print(ms.lab.dead_leaves(100 + 900 * blurred, 100 + 900 * chart).modulation.at(0.25))
 
-    frames : (H, W) or (N, H, W) linear values without the black level; two frames or more for "power".
-    chart : (H, W), the brightness of the chart on the same pixels, up to a factor; or (k·H, k·W) of points k times as
-        dense: then the pixel's aperture is in the modulation.
-    method : "cross", or "power" where the picture does not lie on the chart to a tenth of a pixel.
-    sample_px : distance of neighbouring values, 2 for one plane of a Bayer mosaic.
-    Raises InputError for pictures of another size than the chart, and for those that are too small.
+    frames : linear values without the black level, shape (H, W) or (N, H, W); at least two frames for "power".
+    chart : brightness of the chart on the same pixels, up to a factor, shape (H, W); or (k·H, k·W) with points k times
+        as dense, so the MTF includes the pixel's aperture.
+    method : "cross", or "power" if the image is not aligned with the chart to a tenth of a pixel.
+    sample_px : distance of neighbouring values [px], 2 for one plane of a Bayer mosaic.
+    Raises InputError for images of another size than the chart, and for images that are too small.
     """
     wanted = "values (rows, columns) or (frames, rows, columns)"
     pictures = finite_numbers("frames", frames, wanted)
@@ -78,7 +78,7 @@ def dead_leaves(
         raise InputError(f"method is {shown(method)}; it must be one of {', '.join(SECTIONS)}.")
     if method == "power" and len(pictures) < 2:
         raise InputError(
-            'one frame shows no noise apart from the texture; pass two frames or more, or method="cross".'
+            'frames has one frame, whose noise cannot be separated; pass at least two, or method="cross".'
         )
     sample_px = require(
         "sample_px", sample_px, 0.01, 100.0, "pixels, 2 for a plane of a mosaic"
@@ -86,22 +86,22 @@ def dead_leaves(
     reference = picture_of(chart, "chart")
     size = _tile_size(pictures.shape[1:], reference.shape)
     if not (pictures.mean() > 0 and np.ptp(reference) > 0 and reference.mean() > 0):
-        raise InputError("frames or chart show no texture; pass brightness above 0.")
+        raise InputError("frames or chart have no texture; pass brightness above 0.")
     pictures = pictures / pictures.mean()
     tiles = _cross(pictures, reference / reference.mean(), size, method)
     return DeadLeaves(_modulation(tiles, tiles.frequency / sample_px, method))
 
 
 def _tile_size(shape: tuple[int, ...], chart: tuple[int, ...]) -> int:
-    """Side of a tile [samples]; raises InputError where chart and picture do not fit."""
+    """Return the side of a tile [samples]. Raises InputError if chart and image do not match."""
     dense = chart[0] // shape[0]
     if dense < 1 or chart != (dense * shape[0], dense * shape[1]):
         raise InputError(
-            f"chart has shape {chart} and frames {shape}; pass a chart of that shape, or a whole number of times it."
+            f"chart has shape {chart} and frames {shape}; pass a chart of this shape, or of a multiple of it."
         )
-    size = min(TILE_PX, 2 * (min(shape) // (FEWEST_TILES + 1)))
-    if size < SMALLEST_TILE_PX:
-        least = SMALLEST_TILE_PX // 2 * (FEWEST_TILES + 1)
+    size = min(TILE_PX, 2 * (min(shape) // (TILES_MIN + 1)))
+    if size < TILE_MIN_PX:
+        least = TILE_MIN_PX // 2 * (TILES_MIN + 1)
         raise InputError(
             f"frames have {shape[0]} × {shape[1]} pixels; pass {least} × {least} or more."
         )
@@ -109,7 +109,7 @@ def _tile_size(shape: tuple[int, ...], chart: tuple[int, ...]) -> int:
 
 
 def _cross(pictures: Float64Array, reference: Float64Array, size: int, method: str) -> _Tiles:
-    """Sums over rings of the products of the spectra, tile by tile."""
+    """Return sums over rings of the products of the spectra, for each tile."""
     dense = reference.shape[0] // pictures.shape[1]
     frequency = np.fft.fftfreq(size)
     distance = np.hypot(frequency, frequency[:, None])
@@ -124,9 +124,9 @@ def _cross(pictures: Float64Array, reference: Float64Array, size: int, method: s
                 slice(top * dense, (top + size) * dense),
                 slice(left * dense, (left + size) * dense),
             )
-            own = shift * _spectra(reference[None, *fine], size)[0] / dense**2
-            power = np.square(np.abs(own))
-            product = spectra.mean(axis=0) * own.conj()
+            of_chart = shift * _spectra(reference[None, *fine], size)[0] / dense**2
+            power = np.square(np.abs(of_chart))
+            product = spectra.mean(axis=0) * of_chart.conj()
             if method == "power":
                 total, count = spectra.sum(axis=0), len(spectra)
                 alone = np.square(np.abs(spectra)).sum(axis=0)
@@ -140,16 +140,16 @@ def _cross(pictures: Float64Array, reference: Float64Array, size: int, method: s
 
 
 def _seen_frequency(middle: Float64Array, power: Float64Array, size: int) -> Float64Array:
-    """Mean of the frequencies that a windowed tile mixes, which is lower where the chart's power falls steeply.
+    """Return the mean frequency that a windowed tile sees, which is lower if the chart's power falls steeply.
 
-    The window has a spread of 1/(√3·size); the power at one frequency is that of a ring over its circumference.
+    The window has a spread of 1/(√3·size); the power at one frequency is the power of a ring over its circumference.
     """
     slope = np.gradient(np.log(power / middle), middle)
     return np.asarray(middle + slope / (3 * size**2))
 
 
 def _spectra(parts: Float64Array, size: int) -> NDArray[np.complex128]:
-    """Spectra of windowed tiles (N, …), up to the frequencies of a tile of ``size`` samples."""
+    """Return the spectra of windowed tiles (N, …), up to the frequencies of a tile of ``size`` samples."""
     side = parts.shape[1]
     window = np.sin(np.pi * (np.arange(side) + 0.5) / side) ** 2
     window = window[:, None] * window
@@ -162,14 +162,14 @@ def _spectra(parts: Float64Array, size: int) -> NDArray[np.complex128]:
 def _ring_sums(
     values: NDArray[np.complex128], ring: NDArray[np.intp], size: int
 ) -> NDArray[np.complex128]:
-    """Sums over the frequencies of 1, 2, … waves in a tile, a little beyond Nyquist's."""
+    """Return sums over rings of 1, 2, … waves in a tile, slightly above the Nyquist frequency."""
     flat = values.ravel()
     parts = [np.bincount(ring, part) for part in (flat.real, flat.imag)]
     return np.asarray((parts[0] + 1j * parts[1])[1 : size // 2 + 2])
 
 
 def _modulation(tiles: _Tiles, frequency: Float64Array, method: str) -> Modulation:
-    """The ratio of the sums over all tiles; its error is from the scatter of the tiles about it."""
+    """Return the ratio of the sums over all tiles, with errors from the scatter of the tiles."""
     count = len(tiles.power)
     total = tiles.power.sum(axis=0)
     ratio = tiles.product.sum(axis=0) / total

@@ -1,21 +1,21 @@
-"""The place of an edge in a picture, uneven light about it, and its edge spread function.
+"""Position of an edge in an image, uneven light about it, and its edge spread function.
 
-The edge spread is a cubic spline of the distance from the edge, fitted to all pixels; its transform is the modulation.
+The edge spread is a cubic spline of the distance from the edge, fitted to all pixels; its transform is the MTF.
 
-ISO 12233 puts pixels into bins of a quarter of a pixel. A spline with knots as dense has no error of pixels that do not
-lie in the middle of their bin, takes any direction of the edge, and its errors are known: what the noise of each pixel
-changes in the result is kept (its influence), and the sum of the squares of these is the variance. It needs no model of
-the noise, but takes the noise of pixels as independent.
+ISO 12233 sorts pixels into bins of a quarter of a pixel. A spline with equally dense knots has no error from pixels off
+the middle of their bin, works for any direction of the edge, and has known errors: the influence of each pixel's noise
+on the result is kept, and the sum of the squared influences is the variance. This needs no noise model, but assumes
+independent noise.
 
-Uneven light is a polynomial of the place that both sides of the edge share: far from the edge the picture is level·(1 +
-polynomial) on each side. Light that a lens spreads goes as 1/d with the distance from the edge, up on one side and down
-on the other; it is fitted too and stays in the picture.
+Uneven light is a polynomial of position that both sides share: far from the edge the image is level·(1 + polynomial).
+Light that a lens spreads falls as 1/d with the distance from the edge, with opposite signs on both sides; it is also
+fitted, and stays in the image.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,35 +26,35 @@ from ....core import InputError
 from ....core.types import Float64Array
 
 KNOT_PX = 0.25
-"""Distance of the knots, the bins of ISO 12233."""
+"""Distance of the knots, the bin width of ISO 12233."""
 HALF_WIDTH_PX = 24.0
-"""Of the edge spread function, at most."""
-SMALLEST_HALF_WIDTH_PX = 6.0
-LARGEST_GAP_PX = 0.4
-"""Between the distances of pixels near the edge; edges along diagonals of few pixels have larger ones."""
+"""Largest half-width of the edge spread function."""
+HALF_WIDTH_MIN_PX = 6.0
+GAP_MAX_PX = 0.4
+"""Largest gap between distances of pixels near the edge; edges along diagonals have larger gaps."""
 TAPER = 0.5
-"""Share of the line spread function that the cosine of the window of ISO 12233:2023 (Tukey's) reaches."""
+"""Tapered fraction of the line spread function in the Tukey window of ISO 12233:2023."""
 SMOOTHING = 1e-6
-"""Weight of third differences over that of the pixels, for knots between which there is none."""
+"""Weight of third differences relative to the pixels, for knots without pixels in between."""
 STEPS = 4
 DEGREE = 3
 FINE = 16
-"""Points of each knot interval at which the window and the waves are evaluated."""
+"""Number of points of each knot interval at which the window and the waves are evaluated."""
 WIDTHS_PX = (16.0, 8.0, 6.0, 4.0, 4.0, 4.0)
-"""Of the normal windows about the edge, one after the other: noise far from the edge counts less and less."""
+"""Widths of successive normal windows about the edge, which reduce noise far from the edge."""
 FAR_PX = 8.0
-"""Distance from the edge from which on a picture shows the light of its side."""
+"""Distance from the edge from which on pixels show the light of their side."""
 
 
 class Upright(NamedTuple):
-    """A picture turned so that its edge is nearer to the columns and its bright side is on the right."""
+    """An image turned so its edge is nearer to the columns and its bright side is on the right."""
 
     picture: Float64Array
     transposed: bool
     mirrored: bool
 
     def turn(self, picture: Float64Array) -> Float64Array:
-        """Another picture of the same pixels, turned in the same way."""
+        """Return another image of the same pixels, turned in the same way."""
         if self.transposed:
             picture = picture.T
         if self.mirrored:
@@ -63,7 +63,7 @@ class Upright(NamedTuple):
 
 
 def upright(picture: Float64Array) -> Upright:
-    """Turn a picture by what its sides differ: an edge makes this difference along its normal, noise hardly any."""
+    """Turn an image by the differences of its sides, which an edge causes along its normal."""
     across, along = _side_differences(picture)
     transposed = abs(along) > abs(across)
     if transposed:
@@ -74,52 +74,55 @@ def upright(picture: Float64Array) -> Upright:
 
 
 def _side_differences(picture: Float64Array) -> tuple[float, float]:
-    """Sum of the last column less that of the first, and of the rows."""
+    """Return the sum of the last minus the first column, and of the last minus the first row."""
     across = float((picture[:, -1] - picture[:, 0]).sum())
     return across, float((picture[-1] - picture[0]).sum())
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeLine:
-    """The edge of an upright picture.  coefficients : of x [px] by y [px], lowest power first; y is 0 in the middle."""
+    """The edge of an upright image.
+
+    coefficients : of x [px] as a polynomial of y [px], lowest power first; y is 0 in the middle.
+    """
 
     coefficients: Float64Array
 
     @property
     def angle_deg(self) -> float:
-        """Of the edge in the middle, from the columns; positive where it goes to the right from top to bottom."""
+        """Angle of the edge from the columns in the middle; positive if it moves to the right from top to bottom."""
         return math.degrees(math.atan(self.coefficients[1]))
 
     def distance(self, x: Float64Array, y: Float64Array) -> Float64Array:
-        """Distance of points from the edge, positive on its right [px]."""
+        """Return the distance of points from the edge, positive on its right [px]."""
         polynomial = np.polynomial.Polynomial(self.coefficients)
         slope = polynomial.deriv()(y)
         return np.asarray((x - polynomial(y)) / np.hypot(1, slope))
 
     def moved(self, shift_px: Float64Array) -> EdgeLine:
-        """The edge moved along its normal by a polynomial of y; shift_px : its coefficients from the first power on."""
+        """Return the edge moved along its normal.  shift_px : coefficients of a polynomial of y."""
         along_x = shift_px * math.hypot(1, self.coefficients[1])
         return EdgeLine(self.coefficients + np.concatenate([[0.0], along_x]))
 
 
 def middles(shape: tuple[int, int]) -> tuple[Float64Array, Float64Array]:
-    """x and y of the middle of every pixel, flat; y is 0 in the middle of the picture."""
+    """Return x and y of the centre of each pixel, flat; y is 0 in the middle of the image."""
     rows, columns = shape
     x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5 - rows / 2)
     return x.ravel(), y.ravel()
 
 
 def find_line(picture: Float64Array, order: int) -> EdgeLine:
-    """The edge of an upright picture, about as well as its noise allows; raises InputError where there is none.
+    """Find the edge of an upright image as a line. Raises InputError if there is none.
 
-    order : of the polynomial; what it has beyond a line is 0 here.
+    order : order of the returned polynomial, whose higher coefficients are 0.
     """
     steps = picture[1:, 1:] - picture[:-1, :-1], picture[:-1, 1:] - picture[1:, :-1]
     across, along = _side_differences(picture)
     size = math.hypot(across, along)
     if not size:
         raise InputError(
-            "the picture has no edge: opposite sides are equally bright; pass one with one edge."
+            "picture has no edge, its opposite sides are equally bright; pass an image with one edge."
         )
     normal = across / size, along / size
     # A gradient from the four pixels about each corner, along the normal.
@@ -136,14 +139,13 @@ def find_line(picture: Float64Array, order: int) -> EdgeLine:
         line = np.linalg.solve(matrix, [(near * x).sum(), (near * x * y).sum()])
     if not (np.isfinite(line).all() and 0 < line[0] < picture.shape[1] and abs(line[1]) < 1.5):
         raise InputError(
-            "the picture has no edge that can be found; cut out a part with one straight edge through its middle."
+            "picture has no edge that can be found; pass a part with one straight edge through its middle."
         )
     return EdgeLine(np.concatenate([line, np.zeros(order - 1)]))
 
 
 class UnevenLight(NamedTuple):
-    """gain : of every pixel.  shapes : (N, k), the powers of the place.  influence : (N, k), what the noise of every
-    pixel changed in each coefficient."""
+    """gain : of each pixel.  shapes : powers of position, (N, k).  influence : of pixels on coefficients, (N, k)."""
 
     gain: Float64Array
     shapes: Float64Array
@@ -153,7 +155,7 @@ class UnevenLight(NamedTuple):
 def fit_uneven_light(
     values: Float64Array, distance: Float64Array, x: Float64Array, y: Float64Array
 ) -> UnevenLight:
-    """Fit a polynomial of the second order.  x, y : place of every pixel, from −½ to ½."""
+    """Fit a polynomial of second order.  x, y : position of each pixel, from −½ to ½."""
     shapes = np.column_stack([x, y, x**2, x * y, y**2])
     influence = np.zeros_like(shapes)
     far = np.abs(distance) > FAR_PX
@@ -161,7 +163,7 @@ def fit_uneven_light(
     sides = np.column_stack([right, ~right]).astype(float)
     levels = np.linalg.lstsq(sides, values[far], rcond=None)[0]
     coefficients = np.zeros(shapes.shape[1])
-    for _ in range(STEPS):  # of Gauss and Newton: the model is a product
+    for _ in range(STEPS):  # Gauss–Newton, because the model is a product
         level, gain = sides @ levels, 1 + shapes[far] @ coefficients
         design = np.column_stack(
             [sides * gain[:, None], 1 / distance[far], level[:, None] * shapes[far]]
@@ -176,7 +178,7 @@ def fit_uneven_light(
 
 
 class Samples(NamedTuple):
-    """Values, x and y of all pixels, flat; y is 0 in the middle."""
+    """Values and positions of all pixels, flat; y is 0 in the middle."""
 
     values: Float64Array
     x: Float64Array
@@ -187,11 +189,9 @@ class Samples(NamedTuple):
 class EdgeSpread:
     """A fitted spline.
 
-    line : the edge, fitted with it.  knots, coefficients : of the spline.
-    inside : (N,) which pixels are near the edge.  basis : sparse, of these pixels.
-    moves : (n, order) what a move of the edge by each power of y changes.
-    inverse : of the normal equations, (K, K + order).
-    residual : of the pixels inside.
+    line : fitted edge.  knots, coefficients : of the spline.  inside : mask of the pixels near the edge, (N,).
+    basis : sparse basis of these pixels.  moves : derivatives by a shift of the edge by each power of y, (n, order).
+    inverse : of the normal equations, (K, K + order).  residual : of the pixels near the edge.
     """
 
     line: EdgeLine
@@ -205,16 +205,16 @@ class EdgeSpread:
 
     @property
     def half_width_px(self) -> float:
-        """The spline is fitted up to this distance on either side."""
+        """Distance from the edge up to which the spline is fitted [px]."""
         return float(self.knots[-1 - DEGREE])
 
     def at(self, distance_px: Float64Array) -> Float64Array:
-        """The edge spread function at distances from the edge."""
+        """Return the edge spread function at distances from the edge."""
         spline = scipy.interpolate.BSpline(self.knots, self.coefficients, DEGREE)
         return np.asarray(spline(distance_px))
 
     def transform(self, frequency: Float64Array) -> tuple[Float64Array, Float64Array]:
-        """Transform of the windowed line spread function, complex, (F,), and the weight of every pixel in it, (n, F).
+        """Return the complex transform of the windowed line spread function (F,), and the weight of each pixel (n, F).
 
         frequency : [cycles per pixel].
         """
@@ -233,41 +233,18 @@ class EdgeSpread:
 
 
 def fit_edge_spread(samples: Samples, line: EdgeLine) -> EdgeSpread:
-    """Fit the spline and the edge together (Gauss and Newton); raises InputError for edges it cannot resolve."""
+    """Fit the spline and the edge together (Gauss–Newton). Raises InputError for edges that it cannot resolve."""
     knots = _knots(line.distance(samples.x, samples.y))
-    order = len(line.coefficients) - 1
-    scale = max(float(np.ptp(samples.y)), 1.0)
     for _ in range(STEPS):
-        spread = _fit_spline(samples, line, knots, scale)
-        shift = spread.solution[len(knots) - DEGREE - 1 :] / scale ** np.arange(1, order + 1)
+        spread, shift = _fit_spline(samples, line, knots)
         line = line.moved(-shift)
-    size = len(knots) - DEGREE - 1
-    coefficients = spread.solution[:size]
-    residual = samples.values[spread.inside] - spread.basis @ coefficients
-    return EdgeSpread(
-        line,
-        knots,
-        coefficients,
-        spread.inside,
-        spread.basis,
-        spread.moves,
-        spread.inverse[:size],
-        residual,
-    )
+    return replace(spread, line=line)
 
 
-class _Normal(NamedTuple):
-    """Solution of the normal equations of one step, and what they were made of."""
-
-    solution: Float64Array
-    inside: NDArray[np.bool_]
-    basis: scipy.sparse.csr_array
-    moves: Float64Array
-    inverse: Float64Array
-
-
-def _fit_spline(samples: Samples, line: EdgeLine, knots: Float64Array, scale: float) -> _Normal:
-    """Least squares of the spline and of small moves of the edge."""
+def _fit_spline(
+    samples: Samples, line: EdgeLine, knots: Float64Array
+) -> tuple[EdgeSpread, Float64Array]:
+    """Fit the spline and a small shift of the edge by least squares, and return the coefficients of the shift."""
     distance = line.distance(samples.x, samples.y)
     half = knots[-1 - DEGREE]
     inside = np.abs(distance) < half * (1 - 1e-9)
@@ -279,30 +256,31 @@ def _fit_spline(samples: Samples, line: EdgeLine, knots: Float64Array, scale: fl
     square += SMOOTHING * np.trace(square) / size * third.T @ third
     right = basis.T @ values
     first = scipy.interpolate.BSpline(knots, np.linalg.solve(square, right), DEGREE)
-    powers = (samples.y[inside] / scale)[:, None] ** np.arange(1, len(line.coefficients))
-    moves = first.derivative()(near)[:, None] * powers
+    scale, powers = max(float(np.ptp(samples.y)), 1.0), np.arange(1, len(line.coefficients))
+    moves = first.derivative()(near)[:, None] * (samples.y[inside] / scale)[:, None] ** powers
     mixed = basis.T @ moves
-    whole = np.block([[square, mixed], [mixed.T, moves.T @ moves]])
-    inverse = np.linalg.inv(whole)
+    inverse = np.linalg.inv(np.block([[square, mixed], [mixed.T, moves.T @ moves]]))
     solution = inverse @ np.concatenate([right, moves.T @ values])
-    return _Normal(solution, inside, basis, moves, inverse)
+    coefficients = solution[:size]
+    fitted = coefficients, inside, basis, moves, inverse[:size], values - basis @ coefficients
+    return EdgeSpread(line, knots, *fitted), solution[size:] / scale**powers
 
 
 def _knots(distance: Float64Array) -> Float64Array:
-    """Knots over what the picture has on both sides; raises InputError where that is too little, or has gaps."""
+    """Return knots over the pixels on both sides. Raises InputError if these are too few or have gaps."""
     reach = -np.quantile(distance, 0.02), np.quantile(distance, 0.98)
     half = min(HALF_WIDTH_PX, *reach)
-    if half < SMALLEST_HALF_WIDTH_PX:
+    if half < HALF_WIDTH_MIN_PX:
         raise InputError(
-            f"the picture has {max(half, 0):.1f} pixels beside its edge; pass one with "
-            f"{SMALLEST_HALF_WIDTH_PX:g} or more on each side, better {HALF_WIDTH_PX:g}."
+            f"picture has {max(half, 0):.1f} pixels beside its edge; pass at least {HALF_WIDTH_MIN_PX:g} on each side, "
+            f"better {HALF_WIDTH_PX:g}."
         )
     near = np.sort(distance[np.abs(distance) < 0.5 * half])
     gap = float(np.diff(near).max())
-    if gap > LARGEST_GAP_PX:
+    if gap > GAP_MAX_PX:
         raise InputError(
-            f"distances of the pixels from the edge have gaps of {gap:.2f} pixels, more than {LARGEST_GAP_PX:g}: the "
-            "edge lies along the rows, the columns or a diagonal; turn it by some degrees, or pass a longer edge."
+            f"distances of the pixels from the edge have gaps of {gap:.2f} pixels, above {GAP_MAX_PX:g}: the edge is "
+            "along rows, columns or a diagonal; turn it by a few degrees, or pass a longer edge."
         )
     count = int(2 * half / KNOT_PX)
     ends = KNOT_PX * (np.arange(-DEGREE, count + DEGREE + 1) - count / 2)

@@ -1,5 +1,5 @@
-"""Modulation over spatial frequency with its 95 % band, and the figures read from it: MTF50, MTF at Nyquist's; and the
-checks of the pictures that it is measured in."""
+"""MTF versus spatial frequency with its 95 % band, its figures MTF50 and MTF at the Nyquist frequency; and checks of
+the images for its measurement."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 NYQUIST = 0.5
-"""Nyquist's frequency of the pixels [cycles per pixel]."""
-NORMAL_FROM = 6.0
-"""Standard errors from which on the modulus of a complex value with noise has a normal law."""
+"""Nyquist frequency of the pixels [cycles per pixel]."""
+NORMAL_SIGMAS_MIN = 6.0
+"""Modulus of a complex value over its standard error from which on its distribution is normal."""
 
 
 @dataclass(frozen=True, eq=False)
 class Modulation:
-    """Modulation transfer over frequency.
+    """MTF versus frequency.
 
-    frequency : [cycles per pixel], rising from 0.  value : modulation there, 1 at frequency 0.
-    low, high : ends of the 95 % interval at each frequency.  section : where its definition stands.
-    note : what restricts the figures, or nothing.
+    frequency : ascending from 0 [cycles per pixel].  value : MTF, 1 at frequency 0.
+    low, high : ends of the 95 % interval at each frequency.  section : place of the definition.
+    note : what restricts the figures, or empty.
     """
 
     frequency: Float64Array
@@ -41,21 +41,21 @@ class Modulation:
 
     @property
     def mtf50(self) -> Quantity:
-        """Frequency at which the modulation falls to one half."""
+        """Frequency at which the MTF falls to one half."""
         return self.falls_to(0.5)
 
     @property
     def at_nyquist(self) -> Quantity:
-        """Modulation at half a cycle per pixel."""
+        """MTF at half a cycle per pixel."""
         return self.at(NYQUIST)
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """MTF50 and the modulation at Nyquist's frequency."""
+        """MTF50 and MTF at the Nyquist frequency."""
         return self.mtf50.noted(self.note), self.at_nyquist.noted(self.note)
 
     def at(self, frequency: float) -> Quantity:
-        """Modulation at one frequency [cycles per pixel]; no value beyond the curve."""
+        """Return the MTF at a frequency [cycles per pixel]; no value outside of the curve."""
         symbol, name = f"MTF({frequency:g})", f"modulation at {frequency:g} cycles per pixel"
         if not self.frequency[0] <= frequency <= self.frequency[-1]:
             note = f"the curve is from {self.frequency[0]:.3g} to {self.frequency[-1]:.3g}"
@@ -65,9 +65,9 @@ class Modulation:
         return Quantity(symbol, name, value, low, high, "", self.section)
 
     def falls_to(self, share: float) -> Quantity:
-        """First frequency [cycles per pixel] at which the modulation is this share; its interval is that of the band.
+        """Return the first frequency [cycles per pixel] at which the MTF has this value, with the interval of the band.
 
-        No value where the curve, or an end of its band, stays above.
+        There is no value if the curve stays above.
         """
         symbol = f"MTF{100 * share:.0f}"
         name = f"frequency of {100 * share:.0f} % modulation"
@@ -82,7 +82,7 @@ class Modulation:
         return Quantity(symbol, name, place, low, high, "cy/px", self.section)
 
     def plot(self, ax: Axes, label: str = "measured") -> None:
-        """The curve with its band."""
+        """Plot the curve with its band."""
         ax.plot(self.frequency, self.value, label=label)
         ax.fill_between(self.frequency, self.low, self.high, alpha=0.25)
         ax.axvline(NYQUIST, color="0.6", lw=1, ls=":")
@@ -92,22 +92,22 @@ class Modulation:
 
 @dataclass(frozen=True, eq=False)
 class OfModulation:
-    """A result whose figures are read from a curve of modulation."""
+    """A result whose figures are read from an MTF."""
 
     modulation: Modulation
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """MTF50 and the modulation at Nyquist's frequency."""
+        """MTF50 and MTF at the Nyquist frequency."""
         return self.modulation.quantities
 
     def plot(self, ax: Axes) -> None:
-        """The modulation with its band."""
+        """Plot the MTF with its band."""
         self.modulation.plot(ax)
 
 
 def _crossings(frequency: Float64Array, curve: Float64Array, share: float) -> Float64Array:
-    """Frequencies at which a curve falls through a value."""
+    """Return the frequencies at which a curve falls through a value."""
     above = curve >= share
     before = np.flatnonzero(above[:-1] & ~above[1:])
     fall = curve[before] - curve[before + 1]
@@ -118,17 +118,17 @@ def _crossings(frequency: Float64Array, curve: Float64Array, share: float) -> Fl
 def modulus(
     transform: Float64Array, radial_variance: Float64Array, tangential_variance: Float64Array
 ) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """(value, low, high) of the modulus of complex values with normal noise.
+    """Return (value, low, high) of the modulus of complex values with normal noise.
 
-    transform : the values, complex.  radial_variance, tangential_variance : of their noise along and across them.
+    radial_variance, tangential_variance : of the noise along and across the values.
 
-    Noise across the value makes the modulus larger; what it adds on average is taken off. Near 0 the interval is that
-    of Rice's law, which ends at 0.
+    The average contribution of tangential noise to the modulus is subtracted. Near 0 the interval follows the Rice
+    distribution and ends at 0.
     """
     size, error = np.abs(transform), np.sqrt(radial_variance)
     value = np.sqrt(np.maximum(np.square(size) - tangential_variance, 0.0))
     low, high = value - TWO_SIDED * error, value + TWO_SIDED * error
-    small = (value < NORMAL_FROM * error) & (error > 0)
+    small = (value < NORMAL_SIGMAS_MIN * error) & (error > 0)
     square = np.square(size[small] / error[small])
     lowest, highest = noncentrality_interval(square, 2)
     low[small] = np.minimum(error[small] * np.sqrt(lowest), value[small])
@@ -137,9 +137,9 @@ def modulus(
 
 
 def picture_of(picture: ArrayLike, name: str = "picture") -> Float64Array:
-    """A picture (H, W) as float64; raises InputError for another shape and for values that are not finite.
+    """Return an image (H, W) as float64.  name : of the argument.
 
-    name : of the argument.
+    Raises InputError for another shape and for values that are not finite.
     """
     wanted = "values (rows, columns), e.g. stack.mean − the black level"
     pixels = finite_numbers(name, picture, wanted)
@@ -149,13 +149,13 @@ def picture_of(picture: ArrayLike, name: str = "picture") -> Float64Array:
 
 
 def flat_fielded(picture: Float64Array, flat: ArrayLike | None) -> Float64Array:
-    """The picture over a flat field whose mean is made 1; raises InputError where that has another shape or is dark."""
+    """Return the image over a flat field of mean 1. Raises InputError for another shape and values of 0 or less."""
     if flat is None:
         return picture
     light = picture_of(flat, "flat")
     if light.shape != picture.shape or not light.min() > 0:
         raise InputError(
-            f"flat has shape {light.shape} and values from {light.min():g}; pass positive values of the picture's "
-            f"shape {picture.shape}."
+            f"flat has shape {light.shape} and values from {light.min():g}; pass positive values of shape "
+            f"{picture.shape}."
         )
     return np.asarray(picture * (light.mean() / light))

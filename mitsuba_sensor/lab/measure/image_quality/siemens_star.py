@@ -1,8 +1,8 @@
-"""Modulation transfer at a sinusoidal Siemens star (s-SFR, ISO 12233), with its 95 % band.
+"""MTF of a sinusoidal Siemens star (s-SFR, ISO 12233), with its 95 % band.
 
-In a ring of the star the frequency is known: cycles over the circumference. A cosine and a sine of the angle are fitted
-to the pixels of each ring in each of eight sectors. Noise makes their amplitudes larger; the mean of their squares
-follows a noncentral χ² law, whose noncentrality is the modulation, and which has an interval at any noise.
+A ring of the star has a known frequency: cycles over circumference. A cosine and a sine of the angle are fitted to the
+pixels of each ring in eight sectors. Noise enlarges the amplitudes; the sum of their squares has a noncentral χ²
+distribution with the MTF as noncentrality, which gives an interval at any noise.
 """
 
 from __future__ import annotations
@@ -25,28 +25,27 @@ SECTION = "ISO 12233 s-SFR"
 SECTORS = 8
 RING_PX = 2.0
 """Width of a ring."""
-FEWEST_PIXELS = 36
-"""Of a sector of a ring, in which five numbers are fitted; with fewer the pixels repeat each other's phases."""
-STEPS = 4
-"""Of the search for the centre."""
-MOST_PHASE = 0.8
-"""Root mean square of what the phases of the sectors may be off those of one centre [rad]. A star of one cycle more or
-less has 1.1."""
+SECTOR_PIXELS_MIN = 36
+"""Smallest number of pixels in a sector of a ring, to which five numbers are fitted; fewer pixels repeat phases."""
+CENTRE_STEPS = 4
+"""Number of steps of the search for the centre."""
+PHASE_RMS_MAX = 0.8
+"""Largest rms deviation of the sectors' phases from a common centre [rad]; one cycle more or less gives 1.1."""
 
 
 @dataclass(frozen=True, eq=False)
 class SiemensStar(OfModulation):
-    """Modulation transfer of a star.
+    """MTF of a star.
 
-    modulation : over the frequency along the rings, all directions together.
-    centre : (x, y) of the star from the corner of the picture [samples].
+    modulation : versus frequency along the rings, averaged over all directions.
+    centre : (x, y) of the star from the corner of the image [samples].
     """
 
     centre: tuple[float, float]
 
 
 class _Polar(NamedTuple):
-    """Values of all pixels and where they are around a centre, the nearest first; angle from −π to π."""
+    """Values and polar positions of all pixels about a centre, by ascending radius; angle from −π to π."""
 
     radius: Float64Array
     angle: Float64Array
@@ -56,7 +55,7 @@ class _Polar(NamedTuple):
 
     @classmethod
     def around(cls, pixels: Float64Array, centre: Float64Array) -> _Polar:
-        """All pixels around (x, y)."""
+        """Return all pixels about (x, y)."""
         y, x = np.indices(pixels.shape) + 0.5
         x, y = (x - centre[0]).ravel(), (y - centre[1]).ravel()
         fields = np.array([np.hypot(x, y), np.arctan2(y, x), x, y, pixels.ravel()])
@@ -64,7 +63,7 @@ class _Polar(NamedTuple):
 
 
 class _Ring(NamedTuple):
-    """Of the sectors of a ring: complex amplitudes, means, and variances of each part of the amplitudes, (8,) each."""
+    """Complex amplitudes, means, and variances of the amplitudes' parts in the sectors of a ring, shape (8,) each."""
 
     amplitude: NDArray[np.complex128]
     mean: Float64Array
@@ -80,7 +79,7 @@ def siemens_star(
     flat: ArrayLike | None = None,
     sample_px: float = 1.0,
 ) -> SiemensStar:
-    """Modulation transfer of a picture of a star whose brightness is a sine of the angle.
+    """Measure the MTF in an image of a star whose brightness is a sine of the angle.
 
     ::
 
@@ -88,13 +87,14 @@ def siemens_star(
         star = 500 + 300 * np.cos(36 * np.arctan2(y, x))
         print(ms.lab.siemens_star(star, 36, contrast=0.6).modulation.at(0.1))
 
-    picture : (H, W) linear values without the black level, the star's centre within a few pixels of its middle.
-    cycles : of the star, for example 144.
-    radius_px : of the star in the picture; by default the largest that fits.
-    contrast : modulation of the chart itself, (bright − dark) / (bright + dark).
-    flat : (H, W), the same pixels of an evenly lit surface, by which the picture is divided.
-    sample_px : distance of neighbouring values, 2 for one plane of a Bayer mosaic.
-    Raises InputError for pictures that show no such star.
+    picture : linear values without the black level, shape (H, W); its middle is within a few pixels of the star's
+        centre.
+    cycles : number of cycles of the star, e.g. 144.
+    radius_px : radius of the star in the image [samples]. Default: the largest that fits.
+    contrast : modulation of the chart, (bright − dark) / (bright + dark).
+    flat : image of a uniformly lit surface, shape (H, W), by which the image is divided.
+    sample_px : distance of neighbouring values [px], 2 for one plane of a Bayer mosaic.
+    Raises InputError for images without such a star.
     """
     pixels = flat_fielded(picture_of(picture), flat)
     count = require_count("cycles", cycles, 8, 1000, 144)
@@ -104,13 +104,13 @@ def siemens_star(
     )
     largest = min(pixels.shape) / 2
     radius = largest if radius_px is None else radius_px
-    radius = require("radius_px", radius, 8.0, largest, "pixels of this picture")
-    # One cycle per sample, and enough pixels.
-    smallest = max(count, SECTORS * FEWEST_PIXELS / RING_PX) / (2 * math.pi)
+    radius = require("radius_px", radius, 8.0, largest, "pixels of this image")
+    # One cycle per sample, and enough pixels in a sector.
+    smallest = max(count, SECTORS * SECTOR_PIXELS_MIN / RING_PX) / (2 * math.pi)
     if radius < smallest + 3 * RING_PX:
         raise InputError(
-            f"a star of {count} cycles within {radius:.3g} pixels has no ring of enough pixels below one cycle per "
-            f"sample; pass a picture of {2 * (smallest + 3 * RING_PX):.0f} pixels or more."
+            f"a star of {count} cycles with a radius of {radius:.3g} pixels has no ring below one cycle per sample; "
+            f"pass an image of at least {2 * (smallest + 3 * RING_PX):.0f} pixels."
         )
     centre = _find_centre(pixels, count, radius)
     edges = np.arange(radius - 1, smallest, -RING_PX)
@@ -121,10 +121,10 @@ def siemens_star(
 
 
 def _find_centre(pixels: Float64Array, cycles: int, radius: float) -> Float64Array:
-    """(x, y) for which the phase is the same in all sectors, beginning in the middle; first in the outer rings."""
+    """Return (x, y) for which all sectors have the same phase, searched from the middle, in the outer rings first."""
     middle = np.array(pixels.shape[::-1]) / 2
     centre = middle.copy()
-    for share in np.linspace(0.95, 0.6, STEPS):
+    for share in np.linspace(0.95, 0.6, CENTRE_STEPS):
         outer = max(share * radius, cycles / math.pi)
         ring = _fit_ring(_Polar.around(pixels, centre), (outer - 2 * RING_PX, outer), cycles)
         phases = np.unwrap(-np.angle(ring.amplitude))
@@ -133,16 +133,16 @@ def _find_centre(pixels: Float64Array, cycles: int, radius: float) -> Float64Arr
         solution = np.linalg.lstsq(design, phases, rcond=None)[0]
         centre = centre + solution[1:] * (outer - RING_PX) / cycles
         off = float(np.sqrt(np.square(phases - design @ solution).mean()))
-    if not (np.hypot(*(centre - middle)) < 0.1 * radius and off < MOST_PHASE):
+    if not (np.hypot(*(centre - middle)) < 0.1 * radius and off < PHASE_RMS_MAX):
         raise InputError(
-            "the picture shows no star around its middle; cut out a square with the star's centre in the middle, and "
-            f"check that it has {cycles} cycles."
+            f"picture has no star of {cycles} cycles about its middle; pass a square with the star's centre in the "
+            "middle, and check cycles."
         )
     return centre
 
 
 def _fit_ring(polar: _Polar, ring: tuple[float, float], cycles: int) -> _Ring:
-    """A cosine and a sine beside a plane in every sector of a ring from one radius to another, by least squares."""
+    """Fit a cosine, a sine and a plane to each sector of a ring between two radii, by least squares."""
     inside = slice(*np.searchsorted(polar.radius, ring))
     part = _Polar(*(field[inside] for field in polar))
     number = np.floor((part.angle + math.pi) * SECTORS / (2 * math.pi)).astype(int) % SECTORS
@@ -151,10 +151,10 @@ def _fit_ring(polar: _Polar, ring: tuple[float, float], cycles: int) -> _Ring:
     whole = np.column_stack([np.cos(waves), np.sin(waves), np.ones_like(waves), *place])
     fits = []
     for sector in range(SECTORS):
-        own = number == sector
-        if own.sum() < FEWEST_PIXELS / 2:
-            raise InputError("the star is cut off; pass a picture that holds all of it.")
-        design, values = whole[own], part.values[own]
+        inside_sector = number == sector
+        if inside_sector.sum() < SECTOR_PIXELS_MIN / 2:
+            raise InputError("picture cuts off the star; pass an image of the whole star.")
+        design, values = whole[inside_sector], part.values[inside_sector]
         inverse = np.linalg.pinv(design.T @ design)
         solution = inverse @ (design.T @ values)
         residual = values - design @ solution
@@ -172,10 +172,10 @@ def _modulation(
     contrast: float,
     sample_px: float,
 ) -> Modulation:
-    """The root of the mean square of the modulation of all sectors, ring by ring."""
+    """Return the root mean square of the modulation over all sectors, for each ring."""
     mean = np.array([ring.mean for ring in rings])
     if not (mean > 0).all():
-        raise InputError("the star is not brighter than black; take off the black level only.")
+        raise InputError("picture is not brighter than black; subtract only the black level.")
     square = np.abs([ring.amplitude for ring in rings]) ** 2 / mean**2
     variance = np.array([ring.variance for ring in rings]) / mean**2
     total, noise = square.sum(axis=1), variance.mean(axis=1)
@@ -188,13 +188,13 @@ def _modulation(
 
 
 def _interval(total: Float64Array, noise: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Ends of the interval of the root of the mean square, from the noncentral χ² law of the sum of squares."""
+    """Return the interval of the root mean square, from the noncentral χ² distribution of the sum of squares."""
     freedom = 2 * SECTORS
     ratio = total / np.maximum(noise, 1e-300)
     half = TWO_SIDED * np.sqrt(noise / SECTORS)
     size = np.sqrt(np.maximum(total - (freedom - 1) * noise, 0.0) / SECTORS)
     low, high = size - half, size + half
-    near = ratio < 1e4  # farther away the law is normal
+    near = ratio < 1e4  # larger ratios have a normal distribution
     ends = noncentrality_interval(ratio[near], freedom)
     low[near], high[near] = (np.sqrt(end * noise[near] / SECTORS) for end in ends)
     return low, high

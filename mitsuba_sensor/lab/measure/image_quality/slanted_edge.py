@@ -1,4 +1,4 @@
-"""Modulation transfer at a slanted edge (e-SFR, ISO 12233:2023), with its 95 % band."""
+"""MTF of a slanted edge (e-SFR, ISO 12233:2023), with its 95 % band."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from .modulation import Modulation, OfModulation, flat_fielded, modulus, picture
 
 SECTION = "ISO 12233:2023 e-SFR"
 CLIPPED_SHARE = 0.05
-"""Share of the pixels with the largest or the smallest value, from which on they are clipped."""
+"""Fraction of the pixels with the largest or the smallest value from which on they are clipped."""
 FREQUENCIES = 101
-"""Points of the curve, from 0 to one cycle per sample."""
+"""Number of points of the curve, from 0 to one cycle per sample."""
 
 
 @dataclass(frozen=True, eq=False)
 class SlantedEdge(OfModulation):
-    """Modulation transfer across an edge.
+    """MTF across an edge.
 
-    modulation : over the frequency across the edge, up to one cycle per sample.
-    angle_deg : of the edge from the columns, or from the rows where it is nearer to those; −45 to 45.
-    distance_px, spread : the edge spread function, from the dark side to the bright one.
+    modulation : versus frequency across the edge, up to one cycle per sample.
+    angle_deg : angle of the edge from the columns or the rows, whichever is nearer; −45 to 45°.
+    distance_px, spread : edge spread function, from the dark to the bright side.
     """
 
     angle_deg: float
@@ -49,7 +49,7 @@ def slanted_edge(
     sample_px: float = 1.0,
     edge_order: int = 1,
 ) -> SlantedEdge:
-    """Modulation transfer of a picture of one edge, which may lie in any direction.
+    """Measure the MTF in an image of one edge in any direction.
 
     ::
 
@@ -58,12 +58,12 @@ def slanted_edge(
         for quantity in ms.lab.slanted_edge(edge).quantities:
             print(quantity)
 
-    picture : (H, W) linear values of one frame or the mean of several, without the black level. Uneven light, a
-        polynomial of the second order, is removed.
-    flat : (H, W), the same pixels of an evenly lit surface, by which the picture is divided.
-    sample_px : distance of neighbouring values, 2 for one plane of a Bayer mosaic, picture[0::2, 1::2].
-    edge_order : of the polynomial that the edge follows, up to 5 where the lens distorts.
-    Raises InputError for pictures without an edge, and for edges along rows, columns or diagonals.
+    picture : linear values of one frame or the mean of several, without the black level, shape (H, W). Uneven light, a
+        polynomial of second order, is removed.
+    flat : image of a uniformly lit surface, shape (H, W), by which the image is divided.
+    sample_px : distance of neighbouring values [px], 2 for one plane of a Bayer mosaic, picture[0::2, 1::2].
+    edge_order : order of the polynomial that the edge follows, up to 5 for a lens that distorts.
+    Raises InputError for images without an edge, and for edges along rows, columns or diagonals.
     """
     raw = picture_of(picture)
     pixels = flat_fielded(raw, flat)
@@ -85,24 +85,24 @@ def slanted_edge(
 
 
 def _note_clipped(picture: Float64Array) -> str:
-    """Which side of the edge is clipped, or nothing; edges without any noise have two sides of equal values."""
+    """Return a note on a clipped side of the edge, or an empty text; edges without noise have equal values on both."""
     ends, least = (picture.min(), picture.max()), 1e-9 * np.ptp(picture)
     low, high = (float((np.abs(picture - end) <= least).mean()) for end in ends)
     if max(low, high) < CLIPPED_SHARE or min(low, high) >= CLIPPED_SHARE:
         return ""
     end = "largest" if high > low else "smallest"
     return (
-        f"{100 * max(low, high):.2g} % of the values are the {end} one: the edge is clipped, which sharpens it; expose "
-        "less, or raise the black level"
+        f"{100 * max(low, high):.2g} % of the values are the {end} value: the edge is clipped, which sharpens it; "
+        "expose less, or raise the black level"
     )
 
 
 def _modulation(
     spread: EdgeSpread, light: UnevenLight, values: Float64Array, sample_px: float
 ) -> Modulation:
-    """The transform over its value at 0, and its errors from the influence of every pixel.
+    """Return the transform over its value at 0, with errors from the influence of each pixel.
 
-    values : of all pixels, without uneven light.
+    values : all pixels, without uneven light.
     """
     frequency = np.linspace(0.0, 1.0, FREQUENCIES)
     transform, weights = spread.transform(frequency)
@@ -113,7 +113,7 @@ def _modulation(
     height = transform[0].real
     if not height > 0:
         raise InputError(
-            "the edge has no height; pass a picture with a dark and a bright side."
+            "the edge of picture has no height; pass an image with a dark and a bright side."
         )
     transform = transform / height
     influence = influence / height - np.outer(influence[:, 0].real / height, transform)

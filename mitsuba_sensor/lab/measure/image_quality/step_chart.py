@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ....core import InputError, finite_numbers, require
 from ....core.types import Float64Array
-from ...frames.stack import COARSE_DN2, Stack, coarse_note, rounding_shift_dn
+from ...frames.stack import Stack, coarse_note
 from ...quantity import LEVEL, Figures, Quantity, no_value, normal_interval
 from ..photon_transfer import set_log_axes
 from .patches import Patches, Region, measure_patches, require_regions
@@ -22,22 +22,22 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SATURATION_CONSTANT, NOISE_CONSTANT = 78.0, 10.0
-"""ISO 12232: the speed is 78/H of the exposure that saturates, 10/H of that whose signal-to-noise ratio is 40 or 10."""
+"""ISO 12232: the speed is 78/H for the exposure H that saturates, and 10/H for a signal-to-noise ratio of 40 or 10."""
 SPEED_RATIOS = (40, 10)
 """Signal-to-noise ratios of the two noise-based speeds."""
 SATURATION, NOISE = "ISO 12232 saturation", "ISO 12232 noise"
-LARGEST_DN = 1e12
-"""Saturation signal that may be given, far above any code."""
-FEWEST_NOISY = 3
-"""Patches whose temporal noise is measurable, from which the noise is known over the signal."""
+SATURATION_MAX_DN = 1e12
+"""Largest saturation signal, far above any code."""
+NOISY_PATCHES_MIN = 3
+"""Smallest number of patches with measurable noise that show noise versus signal."""
 NO_RANGE = no_value("DR", "dynamic range", "dB", "ISO 15739")
 
 
 @dataclass(frozen=True, eq=False)
 class StepChart(Figures):
-    """What a step chart shows.
+    """Results of a step chart.
 
-    exposure_lxs : of the patches at the focal plane [lx s].  patches : their statistics.
+    exposure_lxs : exposure of the patches at the focal plane [lx s].  patches : their statistics.
     slope : response [DN/(lx s)].  linearity_error : largest deviation from a line through the black level [%].
     saturation_speed, noise_speed_40, noise_speed_10 : ISO speeds.  dynamic_range : [dB].
     """
@@ -53,11 +53,11 @@ class StepChart(Figures):
 
     @property
     def snr(self) -> Float64Array:
-        """Signal over total noise of every patch, without unit."""
+        """Signal over total noise of each patch, shape (P,)."""
         return np.asarray(self.patches.mean / np.sqrt(self.patches.total))
 
     def plot(self, ax: Axes) -> None:
-        """The response (OECF) over the exposure."""
+        """Plot the response (OECF) versus exposure."""
         error = 1.96 * self.patches.mean_error
         ax.errorbar(self.exposure_lxs, self.patches.mean, yerr=error, fmt="o", label="patches")
         line = self.slope.value * self.exposure_lxs
@@ -65,7 +65,7 @@ class StepChart(Figures):
         ax.set(xlabel="exposure at the focal plane [lx s]", ylabel="signal above black [DN]")
 
     def plot_snr(self, ax: Axes) -> None:
-        """Signal-to-noise ratio over the exposure."""
+        """Plot the signal-to-noise ratio versus exposure."""
         lit = (self.exposure_lxs > 0) & (self.patches.mean > 0)
         exposures = self.exposure_lxs[lit]
         temporal = self.patches.mean[lit] / np.sqrt(self.patches.temporal[lit])
@@ -78,7 +78,7 @@ class StepChart(Figures):
 
 
 class _Variance(NamedTuple):
-    """A variance that is a polynomial of the signal, lowest power first [DN²], and its coefficients' covariance."""
+    """A variance as a polynomial of the signal, lowest power first [DN²], with the covariance of its coefficients."""
 
     coefficients: Float64Array
     covariance: Float64Array
@@ -87,7 +87,7 @@ class _Variance(NamedTuple):
     def fit(
         cls, signal: Float64Array, variance: Float64Array, error: Float64Array, order: int
     ) -> _Variance:
-        """Weighted least squares; the weights are those of the fitted variances, not of the measured ones."""
+        """Fit by weighted least squares, with weights from the fitted instead of the measured variances."""
         relative = error / variance
         powers = signal[:, None] ** np.arange(order + 1)
         expected = variance
@@ -100,7 +100,7 @@ class _Variance(NamedTuple):
         return cls(coefficients, np.asarray(covariance, np.float64))
 
     def signal_at(self, ratio: float) -> tuple[float, float]:
-        """The signal y for which y = ratio·√(a + b·y + c·y²), and its standard error [DN]; NaN where there is none."""
+        """Return the signal y with y = ratio·√(a + b·y + c·y²), and its standard error [DN]; NaN if there is none."""
         constant, linear, square = np.append(self.coefficients, 0.0)[:3] * ratio**2
         rest = linear**2 + 4 * (1 - square) * constant
         if square >= 1 or rest <= 0:
@@ -118,7 +118,7 @@ def step_chart(
     black_dn: ArrayLike,
     saturation_dn: float | None = None,
 ) -> StepChart:
-    """Response, ISO speeds, noise and dynamic range from two frames or more of a chart of grey patches.
+    """Measure response, ISO speeds, noise and dynamic range in at least two frames of a chart of grey patches.
 
     ::
 
@@ -130,10 +130,11 @@ def step_chart(
         print(chart.dynamic_range)
 
     regions : (first row, first column, rows, columns) of each patch.
-    exposure_lxs : illuminance at the focal plane times exposure time of each patch [lx s], 0 for a dark one.
-    black_dn : mean of dark frames, a number or a map (H, W), which knows that columns differ in the dark.
-    saturation_dn : signal that is saturated, above black; by default that of the largest code.
-    Raises InputError for one frame, a mosaic, fewer than 4 patches that are not clipped, and patches outside.
+    exposure_lxs : illuminance at the focal plane times exposure time of each patch [lx s], 0 for a dark patch.
+    black_dn : mean of dark frames, a number or a map (H, W), which includes column offsets.
+    saturation_dn : saturation signal above black. Default: signal of the full-scale code.
+    Noise below 0.24 DN² is not measurable, so figures that need it have no value.
+    Raises InputError for one frame, a mosaic, fewer than 4 unclipped patches, and patches outside of the frames.
     """
     regions = require_regions(regions)
     wanted = "exposures in lx s of 0 or more, one for each patch"
@@ -146,7 +147,7 @@ def step_chart(
     black = finite_numbers("black_dn", black_dn, "DN, the mean of dark frames")
     if saturation_dn is not None:
         saturation_dn = require(
-            "saturation_dn", saturation_dn, 0.0, LARGEST_DN, "DN above black, e.g. 4000"
+            "saturation_dn", saturation_dn, 0.0, SATURATION_MAX_DN, "DN above black, e.g. 4000"
         )
     if black.shape not in ((), stack.shape):
         raise InputError(
@@ -162,17 +163,14 @@ def step_chart(
         usable &= patches.mean < 0.97 * largest
     if usable.sum() < 4 or not (exposures[usable] > 0).any():
         raise InputError(
-            f"{int(usable.sum())} of {len(regions)} patches are not clipped; pass 4 or more, the darkest above code 0."
+            f"{int(usable.sum())} of {len(regions)} patches are unclipped; pass at least 4, the darkest above code 0."
         )
     error = np.maximum(patches.mean_error, 1e-9 * np.abs(patches.mean).max())
-    if stack.whole_codes:
-        error = np.hypot(error, [rounding_shift_dn(total) for total in patches.total])
     patches = patches._replace(mean_error=error)
     part, light = patches.select(usable), exposures[usable]
     response = _response(light, part)
-    least_dn2 = COARSE_DN2 if stack.whole_codes else np.nextafter(0, 1)
-    noisy = part.select(np.minimum(part.temporal, part.total) >= least_dn2)
-    hidden = coarse_note(float(part.temporal.min()))
+    noisy = part.select(part.coarse == 0)
+    hidden = coarse_note(float(part.temporal.min()), 0.0) if part.coarse.any() else ""
     saturation = no_value("S_sat", "saturation-based ISO speed", "", SATURATION)
     if largest is None:
         saturation = saturation.noted("pass bits of the stack, or saturation_dn")
@@ -194,7 +192,7 @@ def step_chart(
 
 
 def _response(exposures: Float64Array, part: Patches) -> Quantity:
-    """Slope of the signal over the exposure, through the black level. Raises InputError where it does not rise."""
+    """Return the slope of signal versus exposure through the black level. Raises InputError if it is not positive."""
     weight = 1 / np.square(part.mean_error)
     information = float((weight * exposures**2).sum())
     slope = float((weight * exposures * part.mean).sum()) / information
@@ -210,9 +208,12 @@ def _response(exposures: Float64Array, part: Patches) -> Quantity:
 def _noise_speed(
     ratio: int, response: Quantity, noisy: Patches, largest: float | None, hidden: str
 ) -> Quantity:
-    """Noise-based speed.  noisy : patches whose noise shows.  hidden : why that of others does not, or nothing."""
+    """Return a noise-based speed.
+
+    noisy : patches with measurable noise.  hidden : reason why others have none, or an empty text.
+    """
     like = no_value(f"S_noise{ratio}", f"noise-based ISO speed, SNR {ratio}", "", NOISE)
-    if len(noisy.mean) < FEWEST_NOISY:
+    if len(noisy.mean) < NOISY_PATCHES_MIN:
         return like.noted(hidden)
     signal = _Variance.fit(noisy.mean, noisy.total, noisy.total_error, 2).signal_at(ratio)
     if signal[0] < noisy.mean.min() and hidden:
@@ -225,7 +226,7 @@ def _noise_speed(
 def _speed(
     like: Quantity, response: Quantity, signal: tuple[float, float], constant: float
 ) -> Quantity:
-    """constant/H of the exposure H that makes a signal.  signal : with its standard error [DN]."""
+    """Return constant/H for the exposure H of a signal.  signal : with its standard error [DN]."""
     value, error = signal
     if not (value > 0 and math.isfinite(error) and response.value > 0):
         return like.noted("no exposure has this signal-to-noise ratio")
@@ -235,10 +236,10 @@ def _speed(
 
 
 def _linearity(exposures: Float64Array, part: Patches, response: Quantity) -> Quantity:
-    """Largest deviation of a patch of more than 5 % of the brightest from the line [% of the patch].
+    """Return the largest deviation from the line, of patches above 5 % of the brightest [% of the patch].
 
-    The largest of several deviations is larger than the true one by their noise: the interval is made of those of all
-    patches that hold together in 95 of 100 charts (Šidák 1967).
+    Noise enlarges the largest of several deviations, so the interval combines intervals of all patches that hold
+    together in 95 of 100 charts (Šidák 1967).
     """
     line = response.value * exposures
     bright = line > 0.05 * line.max()
@@ -252,9 +253,9 @@ def _linearity(exposures: Float64Array, part: Patches, response: Quantity) -> Qu
 
 
 def _dynamic_range(noisy: Patches, largest: float | None) -> Quantity:
-    """Saturation over the signal with a temporal signal-to-noise ratio of 1 [dB]."""
+    """Return saturation over the signal with a temporal signal-to-noise ratio of 1 [dB]."""
     signal, error = math.nan, math.nan
-    if len(noisy.mean) >= FEWEST_NOISY:
+    if len(noisy.mean) >= NOISY_PATCHES_MIN:
         noise = _Variance.fit(noisy.mean, noisy.temporal, noisy.temporal_error, 1)
         signal, error = noise.signal_at(1.0)
     if largest is None or not (signal > 0 and math.isfinite(error)):
