@@ -156,11 +156,12 @@ def with_digits(figure: Quantity, said: float | None) -> list[object]:
     if not has_interval(figure):
         return [None, None, None, said]
     numbers: list[Any] = [figure.value, figure.low, figure.high, said]
-    if figure.high > figure.low:
-        half_width = (figure.high - figure.low) / 2
-        decimals = max(INTERVAL_DIGITS - 1 - math.floor(math.log10(half_width)), 0)
-        if decimals <= DECIMALS_MAX:
-            return [None if x is None else f"{x:.{decimals}f}" for x in numbers]
+    if figure.high == figure.low:
+        return [figure.value, None, None, said]
+    half_width = (figure.high - figure.low) / 2
+    decimals = max(INTERVAL_DIGITS - 1 - math.floor(math.log10(half_width)), 0)
+    if decimals <= DECIMALS_MAX:
+        return [None if x is None else f"{x:.{decimals}f}" for x in numbers]
     return numbers
 
 
