@@ -488,7 +488,7 @@ TOKENS_MAX = {
     "core": 24509,
     "dataset": 43283,
     "examples": 8792,
-    "files": 18696,
+    "files": 18701,
     "gradient": 4264,
     "lab": 68144,
     "optics": 17471,
@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13941,
     "stages": 32899,
     "study": 9256,
-    "tests": 358027,
+    "tests": 358082,
     "theory": 14686,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
