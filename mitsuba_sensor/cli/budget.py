@@ -123,7 +123,7 @@ def _combination(frames: ms.Frames) -> dict[str, object]:
 
     snr_db : of a pixel, mean over black against temporal noise; None in darkness.
     """
-    from ..output.readout_files import readout_facts
+    from ..output.frame_files import readout_facts
     from ..stages.stage import converter_of
 
     found = frames.theory.averages(frames.stages[-1])
