@@ -11,7 +11,9 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import Any
 
+import cases
 import mutations
+import plain_chain
 import pytest
 from helpers import BENCHMARKS
 
@@ -42,9 +44,12 @@ def assert_speeds(found: Any, *names: str) -> None:
         assert math.isfinite(number) and number > 0, f"{path} is {number}"
 
 
-def test_the_plain_chain_makes_the_frames_that_expose_makes() -> None:
-    for camera, found in run("plain_chain.py", "--mpx", "0.03").items():
-        assert found["agrees"], f"{camera}: {found}"
+@pytest.mark.parametrize("camera", [cases.full_chain(), cases.shot_read_quantise()])
+def test_the_plain_chain_makes_the_frames_that_expose_makes(
+    camera: mitsuba_sensor.Camera,
+) -> None:
+    found = plain_chain.compare(camera, electrons=1000, mpx=0.03, frames=16)
+    assert found["agrees"], found
 
 
 WELL_KNOWN = {

@@ -9,8 +9,6 @@ import contextlib
 import math
 import re
 import runpy
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -160,9 +158,9 @@ def tuning_file_of_a_monochrome_sensor() -> None:
 @case("2026-11-29_14")
 def flat_fields_under_light_that_flickers_before_a_rolling_shutter() -> None:
     """Made with K 0.12 DN/e-, 7 e- of read noise and PRNU of 1 % in the pixels; the figures of rows are refused."""
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         make = CASES / "2026-11-29_14_flicker_prnu" / "make.py"
-        subprocess.run([sys.executable, make], cwd=folder, check=True)
+        runpy.run_path(str(make), run_name="__main__")
         (measured,) = ms.lab.measure_bench(ms.lab.read_bench(folder))
     figures = measured.figures
     for symbol, right in (("K", 0.12), ("PRNU1288_pixel", 1.0), ("σ_d", 7.0)):

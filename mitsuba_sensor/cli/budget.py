@@ -111,7 +111,7 @@ def _combination(frames: ms.Frames) -> dict[str, object]:
 
     snr_db : of a pixel, mean above the black level over temporal noise; None in the dark.
     """
-    from ..output.readout_files import readout_facts
+    from ..output.frame_files import readout_facts
     from ..stages.stage import converter_of
 
     law = frames.theory.averages(frames.stages[-1])

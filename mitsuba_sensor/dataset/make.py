@@ -19,9 +19,8 @@ from ..files import durable, png, texts, tiff
 from ..files.tiff import READOUTS
 from ..output import exr
 from ..output.dng import check_dng, dng_names, write_dng
-from ..output.frame_files import image_facts, preview_of
+from ..output.frame_files import image_facts, preview_of, readout_facts, write_readouts
 from ..output.frames import Frames
-from ..output.readout_files import readout_facts, write_readouts
 from ..render.light.illuminant import illuminant_of
 from ..render.light.irradiance import Irradiance
 from ..render.light.light_source import CollectedLight
