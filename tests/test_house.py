@@ -494,7 +494,7 @@ TOKENS_MAX = {
     "optics": 17358,
     "output": 24796,
     "pages": 3457,
-    "render": 79062,
+    "render": 79060,
     "reproduction": 10885,
     "sensor": 13828,
     "stages": 31946,

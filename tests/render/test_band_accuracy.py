@@ -210,9 +210,7 @@ def test_another_camera_is_told_its_error(tmp_path: Path) -> None:
         assert not list(band_note(light, band_error(light, BAYER)))
     assert stated[0] < stated[1] < stated[2]
     (note,) = band_note(light, error)
-    assert (
-        "not rendered for this camera: in bands of 50 nm" in note and "--bandwidth-nm" in note
-    )
+    assert "not rendered for this camera: in bands of 50 nm" in note and "bandwidth_nm=" in note
 
 
 def test_a_line_in_a_band_is_bounded_for_another_camera(tmp_path: Path) -> None:

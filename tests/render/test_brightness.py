@@ -201,7 +201,7 @@ def test_light_that_is_not_of_this_world_is_noted_with_the_way_out(
     hidden = [one.replace('z="9"', 'z="-9"') for one in lamps]
     scene = write_scene(tmp_path, scene_text(SKY.replace("2e-4", str(sky)), *hidden))
     light = ms.render(scene, CAMERA, "auto", **SMALL)
-    found = [note for note in light.notes if "--luminance 500" in note]
+    found = [note for note in light.notes if "luminance=500" in note]
     assert len(found) == bool(said)
     parts = ("the picture has", "the brightest lamp has", "the metered exposure time is")
     assert {part for part in parts if part in " ".join(found)} == {*said}

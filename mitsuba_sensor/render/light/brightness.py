@@ -224,7 +224,7 @@ def with_brightness(light: Irradiance, render: LoadedRender) -> Irradiance:
     if bright:
         notes.append(
             Caution(
-                f"the light is very bright: {', and '.join(bright)}; `render --luminance 500` (luminance=500) scales "
+                f"the light is very bright: {', and '.join(bright)}; render with luminance=500, which scales "
                 "all light to a median of 500 cd/m²"
             )
         )

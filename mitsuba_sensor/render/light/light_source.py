@@ -147,7 +147,7 @@ def band_note(light: Irradiance, error: BandError) -> Iterator[str]:
     narrow = width_nm * (NOTE_ERROR / error.error_estimate) ** 0.5
     enough = next((nm for nm in WIDTHS_NM if nm <= narrow), None)
     why, remedy = "this light was not rendered for this camera", "render it for this camera"
-    narrower = f", or with --bandwidth-nm {enough:g}"
+    narrower = f", or with bandwidth_nm={enough:g}"
     if light.rendered_for is None:
         why = "the spectrum within the bands of this light is unknown"
         remedy, narrower = "give narrower bands", f", e.g. of {enough:g} nm"
@@ -244,7 +244,7 @@ def noise_note(
     share = noise["share_of_variance_median"]
     if not noise["over_sensor_median"] > RENDER_NOISE_MAX:
         return
-    goal, known = f"--noise-ratio {RENDER_NOISE_MAX:g}", light.rendered_for
+    goal, known = f"noise_ratio={RENDER_NOISE_MAX:g}", light.rendered_for
     if known is not None:  # a noise ratio belongs to its camera and exposure
         shared = known.shared_with(frames.camera, frames.first.exposure, None)
         if new := [name for name in ("camera", "exposure") if name not in shared]:
@@ -252,6 +252,6 @@ def noise_note(
     fraction = f"{share:.0%}" if share < SHARE_ALL else "nearly all"
     samples = light.statistics.samples_per_pixel
     yield Caution(
-        f"{fraction} of the noise variance of a typical pixel is the render's, not the camera's; render with more "
-        f"samples than {samples} (--spp), or {goal}"
+        f"{fraction} of the noise variance of a typical pixel is the render's, not the camera's; raise "
+        f"spp= above {samples}, or use {goal}"
     )

@@ -54,8 +54,8 @@ def checked_lights(name: str, given: object) -> dict[str, float | Waveform]:
         given = {group.strip(): level.strip() for group, _, level in pairs}
     if not isinstance(given, Mapping) or not given:
         raise InputError(
-            f"{name} is {given!r}; give levels by the name of a light group, e.g. `--light lamps=0.2` "
-            f"({{'lamps': 0.2}}), or waveforms: {EXAMPLE}."
+            f"{name} is {given!r}; give levels by the name of a light group, e.g. lights={{'lamps': 0.2}}, "
+            f"or waveforms: {EXAMPLE}."
         )
     lights = dict[str, float | Waveform]()
     for group, level in given.items():

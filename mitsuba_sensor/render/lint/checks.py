@@ -111,7 +111,7 @@ def without_effect(subject: Subject) -> Found:
     nodes = [node for _, node in scene.children(scene.root, "Sensor")]
     if len(nodes) > 1 and scene.chosen is None:
         what = f"the scene has {len(nodes)} sensors ({', '.join(scene.sensors())}), and the first was taken"
-        remedy = "--sensor NAME takes another sensor, --sensor all takes a frame of each"
+        remedy = "sensor='NAME' takes another sensor, sensor='all' takes a frame of each"
         yield Finding("note", subject.lines(nodes[1:]), what, remedy)
     for _, node in scene.children(scene.root, "Emitter"):
         if (kind := node.props.plugin_name()) in ON_SHAPES:

@@ -245,7 +245,7 @@ def inspect_scene(
         "note" if luminance > LAMP_CD_PER_M2_MAX else "fact",
         lines_of(scene, lamps),
         f"the brightest lamp has {cd_per_m2(luminance)}",
-        "`render --luminance 500` scales all light, so the median of the picture has 500 cd/m²",
+        "luminance=500 scales all light, so the median of the picture has 500 cd/m²",
     )
     return (*loaded.findings, brightest)
 
@@ -258,7 +258,7 @@ def _replace_camera(scene: ParsedScene, settings: SceneSettings, camera: Camera 
     where = f"scene {scene.name!r}, {scene.where(node)}"
     if camera is None:
         raise InputError(
-            f'{where}: a camera needs a <film type="{FILM}"> that names it, or --camera.'
+            f'{where}: a camera needs a <film type="{FILM}"> that names it, or camera=.'
         )
     try:
         columns = scene.film_size(camera, None).get("width", WIDTH)

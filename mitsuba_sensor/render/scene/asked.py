@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from ...camera.datasheet_errors import sentence
 from ...core import Float64Array, InputError, nearest
 from ...core.errors import shown
-from ...core.id_groups import as_options, groups_of_ids
+from ...core.id_groups import groups_of_ids
 from ...files.texts import read_toml
 from .motion import KeyPose
 
@@ -79,7 +79,7 @@ def checked_look_at(name: str, given: object) -> dict[str, Numbers]:
 
 GROUPS_MAX = 16
 GROUP_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
-PATTERN_EXAMPLE = "`--light-groups lamps=lamp_* --light-groups sky=sky,moon` ({'lamps': 'lamp_*', 'sky': 'sky,moon'})"
+PATTERN_EXAMPLE = "light_groups={'lamps': 'lamp_*', 'sky': 'sky,moon'}"
 GROUP_EXAMPLE = "'auto', or {'sky': 'env', 'lamps': 'lamp_*'}"
 
 AskedGroups: TypeAlias = Literal["auto"] | Mapping[str, tuple[str, ...]]
@@ -129,7 +129,7 @@ def refuse_many(name: str, groups: Collection[str], ids: Sequence[str] = ()) -> 
     suggested = groups_of_ids(dict.fromkeys(ids))
     example = f"e.g. {PATTERN_EXAMPLE} ({', '.join(groups)})"
     if 0 < len(suggested) <= GROUPS_MAX:
-        example = f"as the ids of this scene suggest, `{as_options(suggested)}` ({suggested})"
+        example = f"as the ids of this scene suggest, light_groups={suggested}"
     raise InputError(
         f"{name} makes {len(groups)} groups, each a separate render; at most {GROUPS_MAX} are allowed: put several "
         f"emitters into one group by patterns of their ids, {example}."
