@@ -2,11 +2,10 @@
 
     python benchmarks/backend_speed.py [--mpx 1 4 12] [--electrons 1 1000 30000] [--content flat ramp random]
         [--turns 5] [--engines numpy drjit numpy64] [--json]
-        [--parts cases single first]
+        [--parts cases first]
 
-cases       frames of the full chain for every size × level × content; the time of the next frame of an open stream
-single      frames of new photon maps, one per call of ms.expose or ms.Sensor, for every size; beside a stream of one
-first       the first frame of a process, with and without compiled kernels on disk
+cases : the next frame of an open stream of the full chain, for every size × level × content.
+first : the first frame of a process, with and without compiled kernels on disk.
 
 ``first`` uses the median size and level, and a ramp; tests/sensor/test_backends.py counts what a change compiles.
 Ratios are medians of the ratios of single turns; a ratio above 1 means that the backend is faster.
@@ -19,16 +18,84 @@ import json
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import product
 from typing import Any
 
-from cases import CONTENTS, full_chain, photon_map, shape_of
-from frame_sources import ENGINES, PLAIN, next_exposure, next_frame, refusal
+import numpy as np
+from cases import CONTENTS, EXPOSURE, full_chain, photon_map, shape_of
+from numpy.typing import NDArray
+from plain_chain import PlainChain
 from timing import alternate, in_child, lines, speeds
 
+import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
 from mitsuba_sensor.core.versions import machine
+
+ENGINES: dict[str, dict[str, Any]] = {
+    "numpy": {"engine": "numpy", "precision": "float32"},
+    "drjit": {"engine": "drjit", "precision": "float32"},
+    "numpy64": {"engine": "numpy", "precision": "float64"},
+    "cuda": {"engine": "cuda", "precision": "float32"},
+}
+"""Name in the benchmarks → backend and precision of ``ms.stream``."""
+
+PLAIN = "plain"
+"""Name of the simple chain of ``plain_chain.py``."""
+
+FRAMES_PER_TURN = 8
+"""Frames of a compiled backend per turn; times are divided by it. They take half the time of one plain frame."""
+
+ENDLESS = 2**31
+"""More frames than any benchmark uses."""
+
+
+def open_stream(
+    name: str,
+    photons: NDArray[np.float64],
+    camera: ms.Camera,
+    exposure: ms.Exposure = EXPOSURE,
+    *,
+    seed: int = 1,
+    serial: int = 1,
+) -> Iterator[NDArray[Any]]:
+    """Yield frames (H, W); the FPN maps are computed here."""
+    if name == PLAIN:
+        return PlainChain(photons, camera, exposure, seed)
+    return ms.stream(
+        photons, camera, exposure, seed=seed, serial=serial, frames=ENDLESS, **ENGINES[name]
+    )
+
+
+def next_frame(
+    name: str, photons: NDArray[np.float64], camera: ms.Camera
+) -> Callable[[], NDArray[Any]]:
+    """Return a task for ``alternate``: the next frame of an open stream.
+
+    A compiled backend computes several frames per turn, as in a stream, where one frame is computed while the next is
+    traced. At the end of the turn the task waits for the frame that has begun, so that turns do not overlap.
+    """
+    frames = open_stream(name, photons, camera)
+    if name not in ("drjit", "cuda"):
+        return partial(next, frames)
+
+    def task() -> NDArray[Any]:
+        *_, frame = (next(frames) for _ in range(FRAMES_PER_TURN))
+        drjit().sync_thread()
+        return frame
+
+    task.runs = FRAMES_PER_TURN  # type: ignore[attr-defined]
+    return task
+
+
+def refusal(name: str, camera: ms.Camera) -> str | None:
+    """Return why this backend does not work on this machine, or None."""
+    try:
+        next(open_stream(name, np.ones((4, 4)), camera))
+    except ms.InputError as error:
+        return str(error)
+    return None
 
 
 def main() -> None:
@@ -38,20 +105,11 @@ def main() -> None:
     options.engines = [name for name in options.engines if name not in refused]
     parts = {name: PARTS[name](options) for name in options.parts}
     results = {**machine(), "turns": options.turns, "refused": refused, **parts}
-    if options.json:
-        print(json.dumps(results))
-        return
-    print(f"{results['processor']}, {results['cpus']} CPUs, {options.turns} turns")
-    for name, why in refused.items():
-        print(f"{name}: {why}")
-    for part, rows in parts.items():
-        print(f"\n{part}")
-        for line in lines(rows):
-            print("  " + line)
+    print(json.dumps(results) if options.json else "\n".join(lines(results)))
 
 
 def parsed() -> argparse.Namespace:
-    """The command-line options."""
+    """Parse the command-line options."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -88,7 +146,7 @@ def parsed() -> argparse.Namespace:
 
 
 def cases(options: argparse.Namespace) -> dict[str, Any]:
-    """Speed for every size, level and content; the smallest and the median ratio of every backend."""
+    """Return the speed for every size, level and content, and the smallest and median ratio of every backend."""
     rows = []
     for mpx, electrons, content in product(options.mpx, options.electrons, options.content):
         photons = photon_map(full_chain(), electrons, content, shape_of(mpx))
@@ -108,32 +166,8 @@ def cases(options: argparse.Namespace) -> dict[str, Any]:
     return {"rows": rows, "summary": summary}
 
 
-def single(options: argparse.Namespace) -> dict[str, Any]:
-    """Speed of frames of new photon maps each, computed by an object that keeps maps and kernels."""
-    rows = []
-    for mpx in options.mpx:
-        maps = [
-            photon_map(full_chain(), level, "ramp", shape_of(mpx))
-            for level in (300, 3000, 30_000)
-        ]
-        tasks: dict[str, Callable[[], object]] = {
-            PLAIN: next_frame(PLAIN, maps[0], full_chain())
-        }
-        for name in options.engines:
-            tasks[f"{name} expose"] = next_exposure(name, maps, with_sensor=False)
-            tasks[f"{name} sensor"] = next_exposure(name, maps, with_sensor=True)
-            tasks[f"{name} stream"] = next_frame(name, maps[0], full_chain())
-        rows.append(
-            {
-                "mpx": mpx,
-                "engines": speeds(alternate(tasks, options.turns), maps[0].size, PLAIN),
-            }
-        )
-    return {"rows": rows}
-
-
 def first(options: argparse.Namespace) -> dict[str, Any]:
-    """First frames of new processes, without and with compiled kernels on disk."""
+    """Return times of first frames of new processes, without and with compiled kernels on disk."""
     mpx, electrons = middle(options.mpx), middle(options.electrons)
     found = {}
     for engine in options.engines:
@@ -156,7 +190,7 @@ def first(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def first_frame(engine: str, mpx: float, electrons: float) -> dict[str, float]:
-    """In a child process: seconds of the first frame, of its compilation, and the median of three later frames.
+    """Return the seconds of the first frame, of its compilation, and the median of three later frames.
 
     The compilation time is Dr.Jit's own record: writing, compiling or reading kernels.
     """
@@ -176,13 +210,12 @@ def first_frame(engine: str, mpx: float, electrons: float) -> dict[str, float]:
 
 
 def middle(values: list[float]) -> float:
-    """The median, or the smaller of the two middle values."""
+    """Return the median, or the smaller of the two middle values."""
     return statistics.median_low(values)
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
     "cases": cases,
-    "single": single,
     "first": first,
 }
 

@@ -14,7 +14,7 @@ EXPOSURE = ms.Exposure(time_s=0.1)
 
 
 def full_chain() -> ms.Camera:
-    """Table 1 with all options: kTC noise, and non-linear sense node, source follower and ADC."""
+    """Return Table 1 with all options: kTC noise, and non-linear sense node, source follower and ADC."""
     return ms.load_camera("konnik_table1").replace(
         **{
             "readout.reset": "hard",
@@ -26,20 +26,20 @@ def full_chain() -> ms.Camera:
 
 
 def shot_read_quantise() -> ms.Camera:
-    """Table 1 with photon shot noise, read noise and quantisation only."""
+    """Return Table 1 with only photon shot noise, read noise and quantisation."""
     return ms.load_camera("konnik_table1").replace(
         **{"pixel.prnu": 0.0, "dark_current.fom_na_per_cm2": 0.0, "readout.dsnu_col": 0.0}
     )
 
 
 def shape_of(mpx: float) -> tuple[int, int]:
-    """(rows, columns) of about ``mpx`` million pixels, 3 : 4."""
+    """Return rows and columns of about ``mpx`` million pixels, 3 : 4."""
     rows = max(round(math.sqrt(mpx * 1e6 * 3 / 4)), 1)
     return rows, max(round(mpx * 1e6 / rows), 1)
 
 
 def reference_qe(camera: ms.Camera) -> float:
-    """Quantum efficiency at the reference wavelength, for photons without a wavelength."""
+    """Return the quantum efficiency at the reference wavelength, for photons without a wavelength."""
     return float(camera.qe([camera.quantum_efficiency.reference_nm or 0.0])[0, 0])
 
 
@@ -54,5 +54,5 @@ CONTENTS: dict[str, Callable[[tuple[int, int]], NDArray[np.float64]]] = {
 def photon_map(
     camera: ms.Camera, electrons: float, content: str, shape: tuple[int, int]
 ) -> NDArray[np.float64]:
-    """Mean photons per pixel that give ``electrons`` photoelectrons on average, (H, W)."""
+    """Return mean photons per pixel for ``electrons`` photoelectrons on average, shape (H, W)."""
     return CONTENTS[content](shape) * (electrons / reference_qe(camera))

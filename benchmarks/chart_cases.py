@@ -1,4 +1,4 @@
-"""Random charts with a known answer, one generator for each instrument of image quality: name, quantity, reference.
+"""Random charts with known answers: a generator of (name, quantity, reference) for each image-quality instrument.
 
 image_quality_coverage.py counts how many intervals hold them.
 """
@@ -29,17 +29,17 @@ Cases = Iterator[tuple[str, Quantity, float]]
 
 
 def in_patches(values: np.ndarray, side: int) -> np.ndarray:
-    """(side, side·P, C), patches of these values (P, C) beside each other."""
+    """Return patches of these values (P, C) next to each other, shape (side, side·P, C)."""
     return np.repeat(values, side, axis=0)[None] * np.ones((side, 1, 1))
 
 
 def patch_regions(count: int, side: int) -> list[tuple[int, int, int, int]]:
-    """Where in_patches has them."""
+    """Return the regions of :func:`in_patches`."""
     return [(0, side * number, side, side) for number in range(count)]
 
 
 def colour_case(rng: np.random.Generator) -> Cases:
-    """A ColorChecker in front of a camera that is no observer, with shot noise, read noise and PRNU."""
+    """Yield figures of a ColorChecker before a camera unlike the observer, with shot noise, read noise and PRNU."""
     side, regions = 20, patch_regions(24, 20)
     matrix = np.eye(3) + rng.uniform(0, 0.3, (3, 3))
     values = spectra.color_checker_xyz() @ matrix.T
@@ -59,7 +59,7 @@ def colour_case(rng: np.random.Generator) -> Cases:
 
 
 def star_case(rng: np.random.Generator) -> Cases:
-    """A star of a random number of cycles behind a normal point spread, with shot and read noise."""
+    """Yield figures of a star with a random number of cycles and a normal point spread, with shot and read noise."""
     side, cycles = int(rng.integers(140, 220)), int(rng.choice([60, 72, 100]))
     blur_px, contrast = rng.uniform(0.2, 0.8), rng.uniform(0.2, 1.0)
     clean = charts.blurred_star(side, cycles, contrast, blur_px)
@@ -76,7 +76,7 @@ def star_case(rng: np.random.Generator) -> Cases:
 
 
 def leaves_case(rng: np.random.Generator) -> Cases:
-    """Leaves behind a normal point spread, frames with shot and read noise, by both methods."""
+    """Yield figures of dead leaves with a normal point spread, shot and read noise, by both methods."""
     chart = charts.dead_leaves(256)[
         : int(rng.integers(180, 257)), : int(rng.integers(180, 257))
     ]
@@ -94,7 +94,7 @@ def leaves_case(rng: np.random.Generator) -> Cases:
 
 
 def flat_case(rng: np.random.Generator) -> Cases:
-    """cos⁴ of three channels with chief rays of their own, shot noise and PRNU."""
+    """Yield figures of cos⁴ fall-off that differs between three channels, with shot noise and PRNU."""
     y, x = (np.arange(count) + 0.5 for count in (80, 100))
     square = ((x / 50 - 1) ** 2 + (y[:, None] / 40 - 1) ** 2) / 2
     falls = rng.uniform(0.05, 0.3) + rng.uniform(-0.02, 0.02, 3)
@@ -107,7 +107,7 @@ def flat_case(rng: np.random.Generator) -> Cases:
 
 
 def normal_share(means: np.ndarray, sigmas: np.ndarray, ratio: float) -> float:
-    """Share of pairs of normal values whose quotient is above a ratio, the second being above 0."""
+    """Return the fraction of pairs of normal values whose quotient exceeds a ratio, with a positive second value."""
     return float(
         scipy.special.ndtr(
             (means[0] - ratio * means[1]) / np.hypot(sigmas[0], ratio * sigmas[1])
@@ -116,7 +116,7 @@ def normal_share(means: np.ndarray, sigmas: np.ndarray, ratio: float) -> float:
 
 
 def contrast_case(rng: np.random.Generator) -> Cases:
-    """Two patches with normal noise, of which a part is fixed pattern, in four frames."""
+    """Yield figures of two patches in four frames with normal noise that is partly fixed pattern."""
     contrast, side = rng.uniform(0.05, 1), int(rng.integers(12, 40))
     means = np.array([1 + contrast, 1.0])
     sigmas = rng.uniform(0.02, 0.2) * np.sqrt(means)
@@ -137,7 +137,7 @@ def contrast_case(rng: np.random.Generator) -> Cases:
 
 
 def flicker_case(rng: np.random.Generator) -> Cases:
-    """A sine, a pulse, a triangle or a steady light in 4 to 240 frames at phases by chance, with noise and PRNU."""
+    """Yield figures of sine, pulse, triangle or steady light at random phases, with noise and PRNU."""
     count, side = int(rng.choice([4, 16, 60, 240])), int(rng.choice([4, 12, 20]))
     phase = rng.random(count)
     depth, duty, share = rng.uniform(0.05, 0.9), rng.uniform(0.2, 0.8), rng.uniform(0.2, 0.8)
@@ -161,7 +161,7 @@ def flicker_case(rng: np.random.Generator) -> Cases:
 
 
 def distortion_case(rng: np.random.Generator) -> Cases:
-    """A grid of points, turned and tilted, behind a lens of two coefficients; errors of 0.01 to 0.2 px."""
+    """Yield figures of a turned and tilted grid through a lens with two coefficients; errors of 0.01 to 0.2 px."""
     k1, k2 = rng.uniform(-0.1, 0.1), rng.uniform(-0.02, 0.02)
     rows, columns = 1080, 1920
     x, y = np.meshgrid(np.linspace(-0.8, 0.8, 17), np.linspace(-0.44, 0.44, 10))
@@ -189,7 +189,7 @@ def distortion_case(rng: np.random.Generator) -> Cases:
 
 
 def divergence_case(rng: np.random.Generator) -> Cases:
-    """Normal noise against normal noise of another mean and σ, or of the same, without an error of its own."""
+    """Yield the divergence of normal noise from normal noise with another, or the same, mean and σ."""
     size = int(10 ** rng.uniform(3.5, 4.5))
     shift, sigma = rng.uniform(0, 0.3), rng.uniform(0.8, 1.25)
     name = str(rng.choice(["KL", "KL of one law"]))

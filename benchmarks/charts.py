@@ -1,4 +1,4 @@
-"""Pictures of charts that pixels average exactly, in closed form, for the instruments of image quality."""
+"""Charts averaged exactly over pixels, in closed form, for the instruments of image quality."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 def slanted_edge(
     shape: tuple[int, int], angle_deg: float, offset_px: float = 0.0, dark: float = 0.1
 ) -> Array:
-    """An edge that full pixels average, between ``dark`` and 1.  angle_deg : of its normal from the rows."""
+    """Return an edge averaged over full pixels, from ``dark`` to 1.  angle_deg : angle of its normal from the rows."""
     rows, columns = shape
     angle = math.radians(angle_deg)
     x, y = np.arange(columns) + 0.5 - columns / 2, np.arange(rows) + 0.5 - rows / 2
@@ -28,7 +28,7 @@ def slanted_edge(
 
 
 def _integrated(distance: Array, longer: float, shorter: float) -> Array:
-    """Integral up to a distance of a trapezoid whose area is 1."""
+    """Return the integral up to a distance of a trapezoid of area 1."""
 
     def half_square(end: float) -> Array:
         return np.asarray(np.square(np.maximum(distance + end, 0.0)) / 2)
@@ -39,7 +39,7 @@ def _integrated(distance: Array, longer: float, shorter: float) -> Array:
 
 
 def pixel_modulation(frequency: Array, angle_deg: float) -> Array:
-    """Modulation of a full pixel along a direction."""
+    """Return the MTF of a full pixel along a direction."""
     angle = math.radians(angle_deg)
     across = np.sinc(frequency * math.cos(angle)) * np.sinc(frequency * math.sin(angle))
     return np.asarray(np.abs(across))
@@ -61,7 +61,7 @@ def siemens_star(
 
 
 def star_modulation(frequency: Array, samples: int = 8) -> Array:
-    """Root mean square over all directions of the modulation of a pixel that averages samples² points."""
+    """Return the root mean square over all directions of the MTF of a pixel of samples² points."""
     angle = 2 * np.pi * (np.arange(720) + 0.5) / 720
     waves = frequency[:, None] * np.array([np.cos(angle), np.sin(angle)])[:, None]
     points = (np.arange(samples) + 0.5) / samples - 0.5
@@ -70,7 +70,7 @@ def star_modulation(frequency: Array, samples: int = 8) -> Array:
 
 
 def blurred_star(side: int, cycles: int, contrast: float, blur_px: float) -> Array:
-    """A star of mean 0.5 behind a normal point spread of this σ, whose modulation is exp(−2π²σ²f²).
+    """Return a star of mean 0.5 after a normal point spread of this σ, whose MTF is exp(−2π²σ²f²).
 
     Its centre is not that of a pixel: else pixels of all sectors would have the same phases.
     """
@@ -85,7 +85,7 @@ def blurred_star(side: int, cycles: int, contrast: float, blur_px: float) -> Arr
 
 @cache
 def dead_leaves(side: int, dense: int = 1, seed: int = 1, leaves: int = 4000) -> Array:
-    """Discs that cover each other, of radii r with density r⁻³, between 0.25 and 0.75; (dense·side)² points."""
+    """Return overlapping discs of radii r with density r⁻³, with values from 0.25 to 0.75, at (dense·side)² points."""
     rng = np.random.default_rng(seed)
     points = side * dense
     smallest, largest = 1.0 * dense, points / 6
@@ -103,13 +103,13 @@ def dead_leaves(side: int, dense: int = 1, seed: int = 1, leaves: int = 4000) ->
 
 
 def averaged(picture: Array, factor: int) -> Array:
-    """Means over squares of factor × factor points."""
+    """Return means over squares of factor × factor points."""
     rows, columns = picture.shape[0] // factor, picture.shape[1] // factor
     return np.asarray(picture.reshape(rows, factor, columns, factor).mean(axis=(1, 3)))
 
 
 def blurred(picture: Array, blur_px: float) -> Array:
-    """A picture behind a normal point spread of this σ, around its edges."""
+    """Return a picture after a normal point spread of this σ, continued periodically."""
     squares = [np.square(np.fft.fftfreq(count)) for count in picture.shape]
     modulation = np.exp(-2 * (np.pi * blur_px) ** 2 * np.add.outer(*squares))
     return np.asarray(np.fft.ifft2(np.fft.fft2(picture) * modulation).real)

@@ -1,4 +1,4 @@
-"""Measure a dataset: bytes and seconds of a sample, and what is left of runs that are killed again and again.
+"""Measure a dataset: bytes and seconds of a sample, and the shards of runs that are killed repeatedly.
 
     python benchmarks/dataset_runs.py [--samples 40] [--width 64] [--kills 20] [--json]
 
@@ -29,7 +29,7 @@ grid = {{exposure_s = [0.01, 0.02], "parameters.radiance" = {levels}}}
 
 
 def start(file: Path, folder: Path) -> subprocess.Popen[bytes]:
-    """A run that goes on where the last one was ended."""
+    """Start a run that continues where the last one ended."""
     command = [
         sys.executable,
         "-m",
@@ -44,7 +44,7 @@ def start(file: Path, folder: Path) -> subprocess.Popen[bytes]:
 
 
 def shards(folder: Path) -> dict[str, str]:
-    """SHA-256 of each shard, by its name."""
+    """Return the SHA-256 of each shard by name."""
     files = sorted(folder.rglob("*.tar"))
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 

@@ -1,7 +1,6 @@
 """Measure raw and denoised renders against long references: errors, bias, error bars, CPU seconds.
 
-    python benchmarks/denoise.py [--scenes FILE.xml …] [--spp 64 128 512 2048] [--width 96] [--seeds 4] [--rays 64]
-        [--references FOLDER]
+    python benchmarks/denoise.py [--scenes FILE.xml …] [--spp 64 128 512 2048] [--width 96] [--seeds 4]
 
 Each scene is rendered at 550 nm, exposed so that the median pixel has 1500 photoelectrons. Squared error over the
 electrons of the reference is the noise ratio of a camera without read noise: 1 is a render as noisy as the light.
@@ -17,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -25,9 +23,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from timing import lines
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.render.denoise import guides
 from mitsuba_sensor.render.light.photons import mean_electrons
 from mitsuba_sensor.render.passes.prepared import PreparedRender, prepare
 from mitsuba_sensor.render.passes.stop_criterion import stop_criterion_of
@@ -68,41 +66,20 @@ def main() -> None:
         "--reference", type=int, default=16384, help="samples per pixel of the reference"
     )
     parser.add_argument("--seeds", type=int, default=4, help="renders of each kind")
-    parser.add_argument(
-        "--rays",
-        type=int,
-        help="of the guides, per pixel, a square number; by default 16 to 256, as the samples",
-    )
-    parser.add_argument(
-        "--references",
-        type=Path,
-        help="folder that keeps the references from one run to the next",
-    )
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
-    if options.rays:
-        guides.SIDE_MIN = guides.SIDE_MAX = math.isqrt(options.rays)
     rows = [row for scene in options.scenes for row in of_scene(scene, options)]
-    if options.json:
-        print(json.dumps(rows))
-        return
-    for row in rows:
-        print(f"{row['scene']}, {row['spp']} samples")
-        for kind in KINDS:
-            one, names = row[kind], (*FIGURES, "bias", "z1", "z2", "denoised")
-            found = ", ".join(f"{name} {one[name]:.4g}" for name in names)
-            gain = ", ".join(f"{x:.3g}" for x in one["equal_time"])
-            print(f"    {kind:9s}{found}, {one['seconds']:.2f} s; equal time {gain}")
+    print(json.dumps(rows) if options.json else "\n".join(lines(rows)))
 
 
 def of_scene(scene: Path, options: argparse.Namespace) -> list[Row]:
-    """One row for each number of samples."""
+    """Return one row for each number of samples."""
     asked = {"wavelength_nm": 550, "width": options.width}
     job = prepare(scene, CAMERA, ms.Exposure(1.0), **asked)
     _, pilot, *_ = made(job, PILOT_SPP, 0, denoise=False)
     time_s = MEDIAN_E / float(np.median(pilot))
     job = replace(job, exposure=ms.Exposure(time_s))
-    expected = reference(job, scene, options)
+    expected = made(job, options.reference, 10**6, denoise=False)[1:3]
     rows = []
     for spp in options.spp:
         row: Row = {"scene": scene.stem, "spp": spp}
@@ -121,19 +98,8 @@ def of_scene(scene: Path, options: argparse.Namespace) -> list[Row]:
     return rows
 
 
-def reference(job: PreparedRender, scene: Path, options: argparse.Namespace) -> list[Array]:
-    """Mean and standard error of the long render; from its file where that is there."""
-    if options.references is None:
-        return list(made(job, options.reference, 10**6, denoise=False)[1:3])
-    options.references.mkdir(parents=True, exist_ok=True)
-    name = f"{scene.stem}-{job.scene.sha256[:8]}-{options.width}-{options.reference}-{job.exposure.time_s:.6g}.npy"
-    if not (file := options.references / name).exists():
-        np.save(file, np.stack(made(job, options.reference, 10**6, denoise=False)[1:3]))
-    return list(np.load(file))
-
-
 def made(job: PreparedRender, spp: int, seed: int, denoise: bool) -> Made:
-    """One render, whose light is denoised or not."""
+    """Render once, with or without denoising."""
     started = time.process_time()
     decided = replace(job, options={**job.options, "denoise": denoise})
     light = decided.render(hashed_seed(seed, spp, 0), stop_criterion_of({"spp": spp}))

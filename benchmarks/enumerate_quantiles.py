@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special, stats
+from timing import lines
 
 from mitsuba_sensor.core.drjit_backend import DrJitBackend
 from mitsuba_sensor.core.llvm import backend_problem
@@ -56,7 +57,7 @@ def main() -> int:
         "zero_mean_is_zero": only_zeros(backend, stride),
         "normal": check_normal(backend, stride),
     }
-    print(json.dumps(result)) if options.json else show(result)
+    print(json.dumps(result) if options.json else "\n".join(lines(result)))
     return (
         0
         if result["zero_mean_is_zero"]
@@ -66,14 +67,14 @@ def main() -> int:
 
 
 def mean_number(text: str) -> float:
-    """A mean whose counts float32 can represent: whole numbers up to 2²⁴."""
+    """Parse a mean whose counts float32 can represent: whole numbers up to 2²⁴."""
     if not 0 < float(text) <= 1e7:
         raise argparse.ArgumentTypeError(f"{text} is not above 0 and at most 1e7")
     return float(text)
 
 
 def chunks(backend: DrJitBackend, stride: int, share: int = 1) -> Iterator[tuple[Any, str]]:
-    """Every ``stride``-th of the lower 1/share of all inputs, in arrays of up to 2²⁴, and the progress."""
+    """Yield every ``stride``-th of the lower 1/share of all inputs, in arrays of up to 2²⁴, and the progress."""
     total = -(-ALL // (stride * share))
     for start in range(0, total, CHUNK):
         number = backend.dr.arange(backend.uint, min(CHUNK, total - start))
@@ -94,7 +95,7 @@ def show_progress(text: str) -> None:
 def poisson_counts(
     backend: DrJitBackend, mean: float, stride: int
 ) -> tuple[int, NDArray[np.int64]]:
-    """The lowest count of the histogram, and the histogram of all counts."""
+    """Return the lowest count of the histogram, and the histogram of all counts."""
     dr, reach = backend.dr, 7 * math.sqrt(mean) + 20
     lowest = max(0, math.floor(mean - reach))
     seen = np.zeros(math.ceil(mean + reach) - lowest, dtype=np.int64)
@@ -113,7 +114,7 @@ def poisson_counts(
 
 
 def poisson_limits(mean: float, inputs: int) -> dict[str, float]:
-    """Limits of the total variation distance, and of the relative errors of mean and variance.
+    """Return the limits of the total variation distance and of the relative errors of mean and variance.
 
     Each input counts as a whole, which gives an error of up to half an input. With a stride, each of the counts within
     ±6σ may begin up to half a stride away from its exact place.
@@ -128,7 +129,7 @@ def poisson_limits(mean: float, inputs: int) -> dict[str, float]:
 
 
 def check_poisson(backend: DrJitBackend, mean: float, stride: int) -> dict[str, Any]:
-    """Total variation distance ½Σ|p − q| to the exact distribution, and the relative errors of mean and variance."""
+    """Return the total variation distance ½Σ|p − q|, and the relative errors of mean and variance."""
     lowest, seen = poisson_counts(backend, mean, stride)
     n, share = lowest + np.arange(seen.size), seen / seen.sum()
     exact = stats.poisson.pmf(n, mean)
@@ -145,7 +146,7 @@ def check_poisson(backend: DrJitBackend, mean: float, stride: int) -> dict[str, 
 
 
 def only_zeros(backend: DrJitBackend, stride: int) -> bool:
-    """Whether every input gives exactly 0 for the mean 0."""
+    """Return True if every input gives exactly 0 for the mean 0."""
     for bits, progress in chunks(backend, stride):
         show_progress(f"Poisson, mean 0: {progress}")
         if not backend.dr.all(
@@ -156,7 +157,7 @@ def only_zeros(backend: DrJitBackend, stride: int) -> bool:
 
 
 def check_normal(backend: DrJitBackend, stride: int) -> dict[str, Any]:
-    """Mean, variance − 1, and the largest error relative to SciPy; z of an input is −z of its complement."""
+    """Return mean, variance − 1, and the largest error relative to SciPy; z of an input is −z of its complement."""
     count, total, squares, largest = 0, 0.0, 0.0, 0.0
     for bits, progress in chunks(backend, stride, share=2):
         show_progress(f"normal: {progress}")
@@ -176,21 +177,6 @@ def check_normal(backend: DrJitBackend, stride: int) -> dict[str, Any]:
     }  # the tails beyond the last inputs
     within_limits = all(abs(found[name]) <= limits[name] for name in limits)
     return {**found, "limits": limits, "within_limits": within_limits}
-
-
-def show(result: dict[str, Any]) -> None:
-    """Print the table."""
-    print(f"{result['inputs']} inputs: Poisson counts compared with the exact distribution")
-    print("       mean   total variation   error of the mean   of the variance")
-    for r in result["poisson"]:
-        numbers = f"{r['electrons']:11.6g}   {r['variation']:15.2e}   {r['mean']:17.2e}   {r['variance']:15.2e}"
-        print(f"{numbers}   {'ok' if r['within_limits'] else 'ABOVE THE LIMIT'}")
-    print(f"mean 0 gives {'only zeros' if result['zero_mean_is_zero'] else 'NOT ONLY ZEROS'}")
-    n = result["normal"]
-    print(
-        f"normal: mean {n['mean']:.1e}, variance 1 {n['variance']:+.2e}, largest error {n['largest_error']:.2e}   "
-        f"{'ok' if n['within_limits'] else 'ABOVE THE LIMIT'}"
-    )
 
 
 if __name__ == "__main__":

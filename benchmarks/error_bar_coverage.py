@@ -1,7 +1,6 @@
 """Measure the coverage of the standard errors of a render, with a reference of a hundred times the samples.
 
     python benchmarks/error_bar_coverage.py --size 32          # a table of three scenes (10 minutes)
-    python benchmarks/error_bar_coverage.py --bands            # single bands, with and without denoising (2 minutes)
     python benchmarks/error_bar_coverage.py --write FILE.npz   # the reference in tests/data (10 minutes)
 
 The reference is plain Mitsuba with its own film and sampler: passes of 1024 samples, summed in float64.
@@ -31,7 +30,7 @@ CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.02)
 
 
 def reference(scene: str, passes: int, size: int) -> np.ndarray:
-    """∫L dλ over the band by plain Mitsuba, (size, size) [W m⁻² sr⁻¹]."""
+    """Return ∫L dλ over the band by plain Mitsuba, shape (size, size) [W m⁻² sr⁻¹]."""
     mi = use(choose_variant())
     loaded = mi.load_file(
         str(ROOT / "scenes" / f"{scene}.xml"), width=str(size), height=str(size)
@@ -47,7 +46,7 @@ def reference(scene: str, passes: int, size: int) -> np.ndarray:
 def coverage(
     scene: str, spp: int, radiance: np.ndarray, seed: int = 7
 ) -> tuple[float, float, ms.Irradiance]:
-    """Fractions of the pixels with |z| < 1 and < 2 for a reference radiance, and the render."""
+    """Return the fractions of pixels with |z| < 1 and |z| < 2 for a reference radiance, and the render."""
     path, size = (
         ROOT / "scenes" / f"{scene}.xml",
         {"width": len(radiance), "height": len(radiance)},
@@ -74,95 +73,34 @@ def coverage(
     return float((z < 1).mean()), float((z < 2).mean()), light
 
 
-def of_bands(
-    scene: str, spp: int, expected: np.ndarray | None, denoise: bool
-) -> tuple[float, float, np.ndarray]:
-    """Fractions of pixels and bands of 20 nm with |z| < 1 and < 2 for an expected irradiance, and the irradiance."""
-    options = {
-        "spp": spp,
-        "width": 48,
-        "bandwidth_nm": 20,
-        "denoise": denoise,
-        "seed": 7 if expected is None else 8,
-    }
-    light = ms.render(ROOT / "scenes" / f"{scene}.xml", CAMERA, EXPOSURE, **options)
-    found, error = light.data.astype(float), light.standard_error.astype(float)
-    z = (np.abs(found - (found if expected is None else expected)) / np.maximum(error, 1e-30))[
-        error > 0
-    ]
-    return float((z < 1).mean()), float((z < 2).mean()), found
-
-
-def bands(quick: bool) -> list[dict[str, object]]:
-    """A row for each scene, number of samples and kind of light; the reference has 8192 samples."""
-    rows = []
-    for scene in SCENES[:1] if quick else SCENES[:2]:
-        expected = of_bands(scene, 64 if quick else 8192, None, False)[2]
-        for spp in (64,) if quick else (64, 240):
-            for denoise in (False, True):
-                one, two, _ = of_bands(scene, spp, expected, denoise)
-                rows.append(
-                    {"scene": scene, "spp": spp, "denoised": denoise, "z1": one, "z2": two}
-                )
-    return rows
-
-
 def main() -> None:
+    """Parse the options, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--write",
-        type=Path,
-        help="write the reference of the Cornell box into this .npz and stop",
-    )
-    parser.add_argument(
-        "--size", type=int, default=SIZE, help="width and height of the renders in pixels"
-    )
-    parser.add_argument(
-        "--bands", action="store_true", help="single bands instead, with and without denoising"
-    )
-    parser.add_argument(
-        "--quick", action="store_true", help="a small reference: a check of the script"
-    )
+    parser.add_argument("--write", type=Path, help="only write the reference to this .npz")
+    parser.add_argument("--size", type=int, default=SIZE, help="width and height [pixels]")
+    parser.add_argument("--quick", action="store_true", help="a small reference, for a test")
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     if options.write:
-        np.savez_compressed(
-            options.write, radiance=reference("cornell_box", PASSES, SIZE).astype(np.float32)
-        )
-        return
-    if options.bands:
-        rows = bands(options.quick)
-        print(json.dumps(rows) if options.json else "\n".join(lines(rows)))
+        radiance = reference("cornell_box", PASSES, SIZE).astype(np.float32)
+        np.savez_compressed(options.write, radiance=radiance)
         return
     size, passes = (12, 4) if options.quick else (options.size, PASSES)
     rows = []
     for scene in SCENES:
         radiance = reference(scene, passes, size)
         for spp in (64, 128, 240, 1152):
-            one, two, light = coverage(scene, spp, radiance)
-            fraction, reliable = light.statistics.firefly_fraction, light.statistics.reliable
-            rows.append(
-                {
-                    "scene": scene,
-                    "spp": spp,
-                    "z1": one,
-                    "z2": two,
-                    "firefly_fraction": fraction,
-                    "reliable": reliable,
-                }
-            )
-    if options.json:
-        print(json.dumps(rows))
-        return
-    print(
-        f"{'scene':<14}{'samples':>8}{'|z| < 1':>9}{'|z| < 2':>9}{'firefly fraction':>18}  reliable"
-    )
-    for row in rows:
-        print(
-            "{scene:<14}{spp:>8}{z1:>9.3f}{z2:>9.3f}{firefly_fraction:>18.4f}  {reliable}".format(
-                **row
-            )
-        )
+            z1, z2, light = coverage(scene, spp, radiance)
+            fireflies = light.statistics.firefly_fraction
+            row = {
+                "scene": scene,
+                "spp": spp,
+                "z1": z1,
+                "z2": z2,
+                "firefly_fraction": fireflies,
+            }
+            rows.append(row | {"reliable": light.statistics.reliable})
+    print(json.dumps(rows) if options.json else "\n".join(lines(rows)))
 
 
 if __name__ == "__main__":

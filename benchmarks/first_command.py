@@ -19,6 +19,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from timing import lines
+
 ROOT = Path(__file__).resolve().parent.parent
 VARIANTS = ("scalar_spectral", "llvm_ad_spectral")
 
@@ -26,51 +28,23 @@ VARIANTS = ("scalar_spectral", "llvm_ad_spectral")
 def main() -> None:
     """Parse the options, measure, print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--runs", type=int, default=5, help="warm runs of each variant (default 5)"
-    )
-    parser.add_argument(
-        "--width",
-        type=int,
-        default=384,
-        help="width in pixels, of which the height is 2/3 (default 384)",
-    )
+    parser.add_argument("--runs", type=int, default=5, help="warm runs of each variant")
+    parser.add_argument("--width", type=int, default=384, help="width [pixels]; height is 2/3")
     parser.add_argument("--json", action="store_true", help="print JSON only")
     options = parser.parse_args()
     turns = [
         {name: once(name, options.width) for name in VARIANTS} for _ in range(options.runs + 1)
     ]
-    results = {name: digest([turn[name] for turn in turns]) for name in VARIANTS}
-    if options.json:
-        print(
-            json.dumps(
-                {
-                    "width": options.width,
-                    "runs": options.runs,
-                    "cpus": os.cpu_count(),
-                    "variants": results,
-                }
-            )
-        )
-        return
-    print(
-        f"{options.width} × {options.width * 2 // 3}, {options.runs} runs, {os.cpu_count()} CPUs: "
-        "wall s (median), peak MB"
-    )
-    for name, result in results.items():
-        if "error" in result:
-            print(f"{name:18} {result['error']}")
-        else:
-            print(
-                f"{name:18} first {result['first_s']:6.2f} s   warm {result['warm_s']:6.2f} s "
-                f"({result['warm_min_s']:.2f} … {result['warm_max_s']:.2f})   render {result['render_s']:6.2f} s   "
-                f"CPU {result['cpu_s']:6.2f} s   "
-                f"peak {result['peak_mb']:.0f} MB"
-            )
+    results = {
+        **vars(options),
+        "cpus": os.cpu_count(),
+        "variants": {name: digest([turn[name] for turn in turns]) for name in VARIANTS},
+    }
+    print(json.dumps(results) if options.json else "\n".join(lines(results)))
 
 
 def once(variant: str, width: int) -> dict[str, Any]:
-    """One whole process: seconds, seconds of rendering, and peak memory."""
+    """Run one process; return its seconds, seconds of rendering, and peak memory."""
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as output:
         arguments = [
             "render",
@@ -102,7 +76,7 @@ def once(variant: str, width: int) -> dict[str, Any]:
 
 
 def digest(runs: list[dict[str, Any]]) -> dict[str, Any]:
-    """The first run, and the median of the others."""
+    """Return the first run, and the median of the other runs."""
     for run in runs:
         if "error" in run:
             return run

@@ -1,4 +1,4 @@
-"""How many of the 95 % intervals of the instruments for image quality hold what the pictures were made with.
+"""Measure the coverage of the 95 % intervals of the image-quality instruments.
 
     python benchmarks/image_quality_coverage.py --cases 400 [--seed 1] [--only slanted_edge]
 
@@ -24,7 +24,7 @@ Case = Callable[[np.random.Generator], Iterator[tuple[str, Quantity, float]]]
 
 
 def noisy(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A picture with shot noise of a signal-to-noise ratio of 15 to 300 at 1, and read noise of 0 to 1 %."""
+    """Return a picture with shot noise of an SNR of 15 to 300 at 1, and read noise of 0 to 1 %."""
     electrons = 10 ** rng.uniform(2.35, 4.95)
     read_noise = rng.uniform(0, 0.01)
     return rng.poisson(picture * electrons) / electrons + rng.normal(
@@ -33,7 +33,7 @@ def noisy(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def edge_case(rng: np.random.Generator) -> Iterator[tuple[str, Quantity, float]]:
-    """An edge of any direction in uneven light."""
+    """Yield figures of an edge of any direction in uneven light."""
     angle_deg = rng.choice([0, 90, 180, 270]) + rng.choice([-1, 1]) * rng.uniform(2, 22)
     shape = int(rng.integers(60, 120)), int(rng.integers(60, 120))
     picture = charts.slanted_edge(shape, angle_deg, rng.uniform(-3, 3), rng.uniform(0.02, 0.4))
@@ -49,7 +49,7 @@ def edge_case(rng: np.random.Generator) -> Iterator[tuple[str, Quantity, float]]
 
 
 def step_case(rng: np.random.Generator) -> Iterator[tuple[str, Quantity, float]]:
-    """A step chart in front of a linear camera with read noise and PRNU, against closed forms."""
+    """Yield figures of a step chart before a linear camera with read noise and PRNU, and closed forms."""
     gain, read_e, prnu = rng.uniform(0.1, 2), rng.uniform(6, 30), rng.uniform(0.001, 0.008)
     per_lxs, black_dn, largest = 10 ** rng.uniform(3, 5), 64.0, 4095 - 64
     steps = np.concatenate([[0.0], np.geomspace(0.003, 0.9, 15)])
@@ -90,7 +90,7 @@ CASES: dict[str, Case] = {
 
 
 def coverage(case: Case, count: int, seed: int = 1) -> dict[str, tuple[float, float]]:
-    """Share of the intervals that hold what was put in, and median relative half width, by figure."""
+    """Return the fraction of intervals that contain the true value, and the median relative half width, by figure."""
     held: dict[str, list[bool]] = {}
     widths: dict[str, list[float]] = {}
     for number in range(count):

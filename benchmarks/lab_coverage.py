@@ -1,4 +1,4 @@
-"""How often the 95 % intervals of the laboratory hold what random cameras were made with, by kind of camera.
+"""Measure the coverage of the 95 % intervals of the laboratory for random cameras, by kind of camera.
 
     python benchmarks/lab_coverage.py [--cameras 400] [--first 0] [--kinds linear curved …] [--json]
 
@@ -45,7 +45,7 @@ HOT_SHARE = 1e-3
 
 @dataclass(frozen=True)
 class Sample:
-    """A camera of one kind and what its figures should be, in the units of the laboratory."""
+    """A camera of one kind and its true figures, in the units of the laboratory."""
 
     kind: str
     number: int
@@ -54,7 +54,7 @@ class Sample:
 
     @property
     def photons_at_end(self) -> float:
-        """Photons per pixel that fill the well or reach the largest code."""
+        """Photons per pixel at the full well or the full-scale code."""
         camera, gain = self.camera, gain_dn_per_e(self.camera)
         codes_e = ((1 << camera.adc.bits) - 1 - camera.adc.black_level_dn) / gain
         return min(camera.pixel.full_well_e, codes_e) / self.true["η"]
@@ -62,7 +62,7 @@ class Sample:
     def stack(
         self, photons: float, frames: int, seed: int, exposure: ms.Exposure = EXPOSURE
     ) -> Stack:
-        """Frames of uniform light."""
+        """Return frames of uniform illumination."""
         taken = ms.expose(
             np.full(SHAPE, photons),
             self.camera,
@@ -86,7 +86,7 @@ class Sample:
         )
 
     def bench(self) -> Bench:
-        """Dark frames and flat fields."""
+        """Return dark frames and flat fields."""
         end, levels = self.photons_at_end, LEVELS
         if self.kind == "few":
             levels = (*np.linspace(0.05, 0.95, 4 + self.number % 6), 1.2)
@@ -101,7 +101,7 @@ class Sample:
 
 
 def random_sample(kind: str, number: int) -> Sample:
-    """The camera of a kind with this number: the same each time."""
+    """Return the camera of a kind with this number; equal numbers give equal cameras."""
     rng = np.random.default_rng([1288, KINDS.index(kind), number])
 
     def between(low: float, high: float) -> float:
@@ -183,7 +183,7 @@ def random_sample(kind: str, number: int) -> Sample:
 
 @dataclass
 class Coverage:
-    """Of one figure: how often it has a value, how often its interval holds the true one, and relative errors."""
+    """Coverage of one figure: cameras, values, intervals with the true value, and relative errors."""
 
     cameras: int = 0
     printed: int = 0
@@ -191,7 +191,7 @@ class Coverage:
     errors: list[float] = field(default_factory=list)
 
     def add(self, value: float, low: float, high: float, true: float) -> None:
-        """One camera's figure."""
+        """Add one camera's figure."""
         self.cameras += 1
         if math.isnan(value):
             return
@@ -204,7 +204,7 @@ class Coverage:
 def measured_samples(
     kind: str, count: int, first: int = 0
 ) -> Iterator[tuple[Sample, dict[str, Quantity]]]:
-    """Every camera with its figures."""
+    """Yield every camera with its figures."""
     for number in range(first, first + count):
         sample = random_sample(kind, number)
         (measured,) = measure_bench(sample.bench())
@@ -212,7 +212,7 @@ def measured_samples(
 
 
 def coverage(kind: str, count: int, first: int = 0) -> dict[str, Coverage]:
-    """Coverage of every figure over cameras of one kind."""
+    """Return the coverage of every figure over cameras of one kind."""
     found: dict[str, Coverage] = {}
     for sample, figures in measured_samples(kind, count, first):
         for symbol, true in sample.true.items():
@@ -224,7 +224,7 @@ def coverage(kind: str, count: int, first: int = 0) -> dict[str, Coverage]:
 
 
 def table(kind: str, found: dict[str, Coverage]) -> str:
-    """One row for each figure."""
+    """Return a table with one row for each figure."""
     lines = [f"{kind:16}printed  covered  median |error|"]
     for symbol, one in found.items():
         held = "–"

@@ -1,4 +1,4 @@
-"""Break the package in 40 places, one after the other, and count the breaks that no quick test notices.
+"""Break the package in 40 places, individually, and count the breaks that no quick test notices.
 
     python benchmarks/mutations.py [--only TEXT] [--json]
 
@@ -26,7 +26,7 @@ FAILED = 1
 
 
 class Mutation(NamedTuple):
-    """where : folder or file of the package in which the text stands once.  tests : a path, and words of -k."""
+    """A change of the package.  where : folder or file that contains ``right`` once.  tests : a path, and words of -k."""
 
     where: str
     right: str
@@ -39,7 +39,7 @@ LAW = f"{EFFECTS}/test_laws.py"
 MUTATIONS = (
     # core
     Mutation("core", "(k0 + _W0) & _MASK, (k1 + _W1)", "(k0 + _W1) & _MASK, (k1 + _W0)", "tests/core/test_counter_rng.py"),
-    Mutation("core", "(bits.astype(np.float64) + 0.5) * 2.0**-32", "bits.astype(np.float64) * 2.0**-32", "tests/core/test_distributions.py"),
+    Mutation("core", "(bits.astype(np.float64) + 0.5) * 2.0**-32", "bits.astype(np.float64) * 2.0**-32", "tests/core/test_quantiles.py"),
     # stages
     Mutation("stages", "arrays.floor(ideal + 0.5)", "arrays.floor(ideal)", f"{EFFECTS}/test_adc.py"),
     Mutation("stages", "k - 0.5 + inl for k", "k + 0.5 + inl for k", f"{EFFECTS}/test_adc.py"),
@@ -80,8 +80,8 @@ MUTATIONS = (
     Mutation("lab", "100 / float((in_light - in_dark).mean())", "100 / float(in_light.mean())", "tests/lab/test_nonuniformity.py"),
     Mutation("lab", "float(values.std(ddof=1)) / math.sqrt(len(values))", "float(values.std(ddof=1))", "tests/study/test_statistics.py"),
     # files and output
-    Mutation("files", "sync_folder(path.parent)\n        finally", "pass\n        finally", "tests/dataset/test_store.py"),
-    Mutation("files", "file.flush()\n                    os.fsync(file.fileno())", "file.flush()", "tests/dataset/test_store.py"),
+    Mutation("files", "os.replace(temporary, path)\n    flush(path.parent)", "os.replace(temporary, path)", "tests/files/test_whole_files.py flushed"),
+    Mutation("files", "flush(temporary)\n    os.replace(temporary, path)", "os.replace(temporary, path)", "tests/files/test_whole_files.py flushed"),
     Mutation("output", "excess_noise(camera) * gain_dn_per_e", "gain_dn_per_e", f"{EFFECTS}/test_em_gain.py divided"),
     # dataset
     Mutation("dataset", "first = 1 + chips * self.names.index(split)", "first = 1 + self.names.index(split)", "tests/dataset/test_splits.py"),
@@ -89,14 +89,14 @@ MUTATIONS = (
 
 
 def place_of(mutation: Mutation, package: Path) -> Path | None:
-    """The one module that has the text once; None where there is none, or more than one."""
+    """Return the only module that contains the text once, or None."""
     modules = (package / mutation.where).rglob("*.py")
     counts = {path: path.read_text("utf-8").count(mutation.right) for path in modules}
     return next(path for path in counts if counts[path]) if sum(counts.values()) == 1 else None
 
 
 def noticed(mutation: Mutation, path: Path, copy: Path) -> str:
-    """What the tests say of a broken copy: "" where they fail, as they must."""
+    """Run the tests of a broken copy; return "" if they fail, as they must."""
     text = path.read_text("utf-8")
     file, *words = mutation.tests.split()
     command = [

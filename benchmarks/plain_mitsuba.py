@@ -1,4 +1,4 @@
-"""The camera of a scene with a film of plain Mitsuba: a reference, and what we are timed against."""
+"""A camera with a film of plain Mitsuba, for references and timing."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 def sensor_like(
     mi: Any, old: Any, size: int, edges_nm: Sequence[float], sampler: str = "independent"
 ) -> Any:
-    """The pinhole of ``old`` with size × size pixels and equal responses between the edges."""
+    """Return the pinhole of ``old`` with size × size pixels and equal responses between the edges."""
     ends = zip(edges_nm[:-1], edges_nm[1:], strict=True)
     bands = {
         f"band{k:02}": {

@@ -1,4 +1,4 @@
-"""Measure what a render costs more than plain ``mi.render`` of the same scene, variant and samples.
+"""Measure the cost of a render relative to plain ``mi.render`` of the same scene, variant and samples.
 
     python benchmarks/render_cost.py [--variants V …] [--spp 16 128] [--size 96] [--turns 5] [--processes 3]
                                      [--default] [--json]
@@ -84,7 +84,7 @@ def main() -> None:
 
 
 def processes(case: tuple[str, int, int], count: int, of: Sequence[str]) -> dict[str, Any]:
-    """Whole processes of one plain band and of ours: the first with an empty kernel cache, and the others."""
+    """Time processes of one plain band and of ours: the first with an empty kernel cache, and the others."""
     kinds = ("plain 1 band", *(kind for kind in of if kind in OURS))
     with tempfile.TemporaryDirectory() as home:
         turns = [
@@ -102,7 +102,7 @@ def processes(case: tuple[str, int, int], count: int, of: Sequence[str]) -> dict
 
 
 def summary(found: dict[str, list[Seconds]]) -> dict[str, Seconds]:
-    """Medians, and processor seconds over those of plain Mitsuba, of the same sampler, and of the colour filters."""
+    """Return medians, and processor seconds relative to plain Mitsuba, the same sampler and colour filters."""
     medians = {
         kind: {name: statistics.median(one[name] for one in runs) for name in runs[0]}
         for kind, runs in found.items()
@@ -122,7 +122,7 @@ def summary(found: dict[str, list[Seconds]]) -> dict[str, Seconds]:
 def warm(
     variant: str, size: int, spp: int, turns: int, kinds: Sequence[str]
 ) -> dict[str, list[Seconds]]:
-    """Wall-clock and processor seconds of every kind, in turns, after one turn that is not counted."""
+    """Return wall-clock and processor seconds of every kind, in turns, after one turn that is not counted."""
     renders = {kind: renderer(kind, variant, size, spp) for kind in kinds}
     found: dict[str, list[Seconds]] = {kind: [] for kind in kinds}
     for turn in range(turns + 1):
@@ -138,7 +138,7 @@ def warm(
 
 
 def whole(variant: str, size: int, spp: int, kind: str, started: float) -> Seconds:
-    """Seconds of this process since ``started`` on the clock, with one render in it."""
+    """Render once; return the seconds of this process since ``started``."""
     first: list[float] = []
     renderer(kind, variant, size, spp, lambda: first.append(time.time() - started))(1)
     found = {"wall_s": time.time() - started, "cpu_s": time.process_time()}
@@ -169,7 +169,7 @@ def renderer(
 def plain(
     bands: int, variant: str, size: int, spp: int, sampler: str
 ) -> Callable[[int], np.ndarray]:
-    """The same with plain Mitsuba alone."""
+    """Return the same with plain Mitsuba."""
     import mitsuba as mi
 
     mi.set_variant(variant)

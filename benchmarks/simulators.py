@@ -1,15 +1,9 @@
-"""Three data sheets through five simulators; what emva1288 and our lab measure in their frames.
+"""Error of frames versus run time: this package on each engine, and four other simulators.
 
-    pip install '.[peers]' && python benchmarks/simulators.py [--simulators getframes galsim] [--json]
-    python benchmarks/simulators.py --plot docs/images/readme_simulators.png [--turns 5] [--json]
+    pip install '.[peers]' && python benchmarks/simulators.py --plot docs/images/readme_simulators.png [--turns 5]
 
-Constant light, 50 exposure times from near darkness to 1.1 times the saturation, two dark and two bright frames of
-each, and 32 of both at half of the saturation for the spatial figures. A cell has the figure of emva1288, then that of
-our lab. Saturation is where the variance is largest, which lies below the full well. Speed and memory are those of
-one frame of a million pixels at saturation, set-up included.
-
-``--plot`` draws the error of frames against their run time: every simulator, and this package on each engine, with the
-stages that all of them have (shot noise, dark current, read noise, black level, rounding) at 100 photoelectrons.
+Frames of the industrial CMOS camera at 100 photoelectrons, with the stages that all simulators have: shot noise, dark
+current, read noise, black level and rounding. Each simulator is set up as its documentation says. The set-up is timed.
 """
 
 from __future__ import annotations
@@ -19,263 +13,283 @@ import json
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from datasheets import SHEETS, TEMPERATURE_K, Datasheet, camera_of
-from simulated import SIMULATORS, Codes, Shot
-from timing import alternate, in_child, ratio, speeds
+from numpy.typing import NDArray
+from timing import alternate, ratio
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.emva_sheet import EmvaSheet, camera_of_sheet
 from mitsuba_sensor.core.versions import machine
-from mitsuba_sensor.lab.frames.stack import Stack
-from mitsuba_sensor.lab.measure.dark_current import dark_current
-from mitsuba_sensor.lab.measure.emva_linear import emva_linear
-from mitsuba_sensor.lab.measure.nonuniformity import nonuniformity
 from mitsuba_sensor.pages.drawing import png
 from mitsuba_sensor.pages.page import Plot, line
 
-Figures = dict[str, float]
-SPATIAL_FRAMES = 32
-TIMED_SHAPE, PLOTTED_SHAPE, SMALL = (1000, 1000), (500, 500), (8, 8)
-SHARED_ELECTRONS, FRAMES_A_CALL = 100.0, 8
+Codes = NDArray[Any]
+PITCH_UM, WAVELENGTH_NM, TEMPERATURE_K = 5.0, 550.0, 298.15
+CELSIUS = TEMPERATURE_K - 273.15
+SHAPE = (500, 500)
+MEAN_ELECTRONS, FRAMES_PER_CALL = 100.0, 8
 OUR_ENGINES = {
     "NumPy float64": {"engine": "numpy", "precision": "float64"},
     "NumPy float32": {"engine": "numpy", "precision": "float32"},
     "Dr.Jit float32": {"engine": "drjit", "precision": "float32"},
 }
-UNITS = {
-    "K": "DN/e-",
-    "QE": "1",
-    "σ_d": "e-",
-    "DSNU": "e-",
-    "PRNU": "%",
-    "LE": "%",
-    "dark current": "e-/s",
-    "saturation": "e-",
-}
+
+
+# Datasheet of an IMX174 camera (fhotolab.fherb.de, 2016) without spatial noise; dark current and black level assumed.
+QE, GAIN_DN_PER_E, READ_NOISE_E, FULL_WELL_E = 0.77, 1 / 8.16, 6.83, 32691.0
+DARK_E_PER_S, BITS, BLACK_LEVEL_DN = 5.0, 12, 20.0
+
+
+def our_camera() -> ms.Camera:
+    """Return our camera, as ``mitsuba-sensor cameras new --emva`` makes it, with this black level."""
+    sheet = EmvaSheet(
+        pitch_um=(PITCH_UM, PITCH_UM),
+        size=(1000, 1000),
+        wavelength_nm=WAVELENGTH_NM,
+        bits=BITS,
+        qe_percent=100 * QE,
+        gain_dn_per_e=GAIN_DN_PER_E,
+        read_noise_e=READ_NOISE_E,
+        saturation_e=FULL_WELL_E,
+        dsnu_e=0.0,
+        prnu_percent=0.0,
+        dark_e_per_s=DARK_E_PER_S,
+        dark_temperature_c=CELSIUS,
+    )
+    camera = camera_of_sheet(sheet, "of_the_sheet", "industrial CMOS")
+    return camera.replace(**{"adc.black_level_dn": BLACK_LEVEL_DN})
 
 
 @dataclass(frozen=True)
-class Series:
-    """Frames of one simulator: by exposure time, dark and bright; and stacks at half of the saturation."""
+class Shot:
+    """Mean photons of every pixel, exposure time, and number, seed and shape of the frames."""
 
-    sheet: Datasheet
-    times_s: list[float]
-    photons: list[float]
-    darks: list[Codes]
-    flats: list[Codes]
-    dark_stack: Codes
-    flat_stack: Codes
-
-    @property
-    def middle(self) -> int:
-        """Number of the level whose stacks are taken."""
-        return len(self.times_s) // 2
+    photons: float
+    time_s: float
+    frames: int
+    seed: int
+    shape: tuple[int, int]
 
 
-def of_sheet(sheet: Datasheet) -> Figures:
-    """What should be measured. Light is the quantity that the converter or the well ends."""
-    return {
-        "K": sheet.gain_dn_per_e,
-        "QE": sheet.qe,
-        "σ_d": sheet.read_noise_e,
-        "DSNU": sheet.dsnu_e,
-        "PRNU": 100 * sheet.prnu,
-        "LE": 0.0,
-        "dark current": sheet.dark_e_per_s,
-        "saturation": sheet.saturation_e,
-    }
-
-
-def series_of(simulator: str, sheet: Datasheet, levels: int, side: int) -> Series:
-    """The bench series of a simulated camera.  levels : exposure times.  side : rows, and as many columns."""
-    rate = 1.1 * sheet.saturation_e / sheet.qe / sheet.longest_s
-    times = (sheet.longest_s * np.linspace(1 / levels, 1, levels)).tolist()
-    half_s = times[levels // 2]
-
-    def frames(photons: float, time_s: float, count: int, seed: int) -> Codes:
-        return SIMULATORS[simulator](sheet, Shot(photons, time_s, count, seed, (side, side)))
-
-    return Series(
-        sheet,
-        times,
-        photons=[rate * one for one in times],
-        darks=[frames(0.0, one, 2, 2 * i) for i, one in enumerate(times)],
-        flats=[frames(rate * one, one, 2, 2 * i + 1) for i, one in enumerate(times)],
-        dark_stack=frames(0.0, half_s, SPATIAL_FRAMES, 1001),
-        flat_stack=frames(rate * half_s, half_s, SPATIAL_FRAMES, 1002),
-    )
-
-
-def by_our_lab(series: Series) -> Figures:
-    """Figures of mitsuba_sensor.lab."""
-    bits = series.sheet.bits
-    darks = [
-        Stack(one, t, photons=0.0, bits=bits)
-        for one, t in zip(series.darks, series.times_s, strict=True)
-    ]
-    flats = [
-        Stack(one, t, photons=light, bits=bits)
-        for one, t, light in zip(series.flats, series.times_s, series.photons, strict=True)
-    ]
-    found = emva_linear(darks, flats)
-    gain = found["K"]
-    half = series.times_s[series.middle]
-    stacks = [Stack(one, half, bits=bits) for one in (series.dark_stack, series.flat_stack)]
-    spatial = nonuniformity(*stacks)
-    current = dark_current(darks).from_mean.in_electrons(gain)
-    return {
-        "K": gain.value,
-        "QE": found["η"].value,
-        "σ_d": found["σ_d"].value,
-        "DSNU": spatial.dsnu.in_electrons(gain).value,
-        "PRNU": spatial.prnu.value,
-        "LE": found["LE"].value,
-        "dark current": current.value,
-        "saturation": found["µ_e.sat"].value,
-    }
-
-
-def by_emva1288(series: Series) -> Figures:
-    """Figures of the package of the standard's authors, which asks for a function that NumPy 2 has no more."""
-    np.asfarray = lambda values, dtype=float: np.asarray(values, dtype)  # type: ignore[attr-defined]
-    from emva1288.process.data import Data1288
-    from emva1288.process.results import Results1288
-    from emva1288.process.routines import get_int_imgs
-
-    def sums(frames: Codes) -> dict[str, Any]:
-        found = get_int_imgs(list(frames))
-        return {key: found[key].sum() for key in ("sum", "pvar")} | {"dmean": found["dmean"]}
-
-    times_ns = [1e9 * one for one in series.times_s]
-    temporal = {
-        t: {0.0: sums(dark), light: sums(flat)}
-        for t, dark, light, flat in zip(
-            times_ns, series.darks, series.photons, series.flats, strict=True
-        )
-    }
-    spatial = {
-        0.0: get_int_imgs(list(series.dark_stack)),
-        series.photons[series.middle]: get_int_imgs(list(series.flat_stack)),
-    }
-    data = {
-        "temporal": temporal,
-        "spatial": {times_ns[series.middle]: spatial},
-        "height": series.dark_stack.shape[1],
-        "width": series.dark_stack.shape[2],
-    }
-    found = Results1288(Data1288(data, loglevel=50).data, loglevel=50)
-    deviation = found.linearity()["relative_deviation"]
-    inside = slice(found.index_linearity_min, found.index_linearity_max + 1)
-    return {
-        "K": found.K,
-        "QE": found.QE / 100,
-        "σ_d": found.sigma_d,
-        "DSNU": found.DSNU1288,
-        "PRNU": found.PRNU1288,
-        "LE": float(np.mean(np.abs(deviation[inside]))),
-        "dark current": found.u_I_mean,
-        "saturation": found.u_e_sat,
-    }
-
-
-def brightest(simulator: str, sheet: Datasheet, shape: tuple[int, int]) -> Callable[[], Codes]:
-    """Takes one frame at saturation, set-up included."""
-    shot = Shot(sheet.saturation_e / sheet.qe, sheet.longest_s, 1, 1, shape)
-    return partial(SIMULATORS[simulator], sheet, shot)
-
-
-def memory_mb(simulator: str, sheet: str) -> float:
-    """Largest memory of a process with a frame of a million pixels, above that with a small one [MB]."""
-    quiet()
-    brightest(simulator, SHEETS[sheet], SMALL)()
-    before = _peak_kb()
-    brightest(simulator, SHEETS[sheet], TIMED_SHAPE)()
-    return (_peak_kb() - before) / 1024
-
-
-def _peak_kb() -> int:
-    status = Path("/proc/self/status").read_text()
-    return int(status.split("VmHWM:")[1].split()[0])
-
-
-def cost(simulators: list[str], sheet: str, turns: int) -> dict[str, dict[str, float]]:
-    """Speed [Mpx/s], measured in turns, and memory of each simulator."""
-    tasks = {one: brightest(one, SHEETS[sheet], TIMED_SHAPE) for one in simulators}
-    found = speeds(alternate(tasks, turns), math.prod(TIMED_SHAPE), simulators[0])
-    return {
-        one: {
-            "mpx_per_s": found[one]["mpx_per_s"],
-            "memory_mb": in_child("simulators", "memory_mb", one, sheet),
-        }
-        for one in simulators
-    }
-
-
-class Timed:
-    """A simulator's frames, eight in each call: a task of ``alternate``.
-
-    frames_of : (sheet, shot) to frames.  sheet : without spatial noise, which belongs to the sensor unit.
-    """
-
-    runs = FRAMES_A_CALL
-
-    def __init__(self, frames_of: Callable[[Datasheet, Shot], Codes], sheet: Datasheet) -> None:
-        self.frames_of, self.sheet = frames_of, sheet
-        self.calls: list[Codes] = []
-
-    def __call__(self) -> None:
-        photons, seed = SHARED_ELECTRONS / self.sheet.qe, 1 + len(self.calls)
-        shot = Shot(photons, 1.0, FRAMES_A_CALL, seed, PLOTTED_SHAPE)
-        self.calls.append(self.frames_of(self.sheet, shot))
-
-    def error_dn(self) -> float:
-        """The larger difference of mean and temporal σ from their closed forms, over all calls."""
-        mean_dn = np.mean([frames.mean(dtype=float) for frames in self.calls])
-        variance_dn2 = np.mean([np.var(one, 0, float, ddof=1).mean() for one in self.calls])
-        law = shared_law_dn(self.sheet)
-        return float(max(abs(mean_dn - law[0]), abs(np.sqrt(variance_dn2) - law[1])))
-
-
-def shared_law_dn(sheet: Datasheet) -> tuple[float, float]:
-    """Mean and temporal σ [DN] of Poisson electrons, normal read noise and rounding (EMVA 1288, eq. 11)."""
-    mean_e = SHARED_ELECTRONS + sheet.dark_e_per_s
-    variance_e2 = mean_e + sheet.read_noise_e**2
-    sigma_dn = math.sqrt(sheet.gain_dn_per_e**2 * variance_e2 + 1 / 12)
-    return sheet.gain_dn_per_e * mean_e + sheet.black_level_dn, sigma_dn
-
-
-def on_engine(options: dict[str, Any], sheet: Datasheet, shot: Shot) -> Codes:
-    """Frames of this package on one engine, one after the other."""
+def on_engine(options: dict[str, Any], shot: Shot) -> Codes:
+    """Return frames of this package on one engine, computed as a stream."""
     light = np.full(shot.shape, shot.photons)
     exposure = ms.Exposure(shot.time_s, temperature_k=TEMPERATURE_K)
     frames = ms.stream(
-        light, camera_of(sheet), exposure, seed=shot.seed, frames=shot.frames, **options
+        light, our_camera(), exposure, seed=shot.seed, frames=shot.frames, **options
     )
     return np.stack(list(frames))
 
 
-def work_precision(simulators: list[str], turns: int) -> dict[str, dict[str, float]]:
-    """Run time and error of every simulator, and of this package on each engine, timed in turns."""
-    sheet = replace(SHEETS["industrial CMOS"], prnu=0.0, dsnu_e=0.0)
+def of_getframes(shot: Shot) -> Codes:
+    """getframes: photons per second."""
+    import getframes
+
+    config = getframes.CameraConfig(
+        name="of the sheet",
+        sensor_type="CMOS",
+        resolution=shot.shape,
+        pixel_size_um=PITCH_UM,
+        quantum_efficiency=QE,
+        full_well_e=FULL_WELL_E,
+        bit_depth=BITS,
+        gain_e_per_adu=1 / GAIN_DN_PER_E,
+        bias_offset_adu=BLACK_LEVEL_DN,
+        read_noise_e=READ_NOISE_E,
+        dark_current_e_per_s=DARK_E_PER_S,
+        dark_current_ref_temp_c=CELSIUS,
+    )
+    camera = getframes.Camera(config, precision="single")
+    rate = np.full(shot.shape, shot.photons / shot.time_s, np.float32)
+    return np.stack(
+        [
+            camera.expose(
+                rate, shot.time_s, CELSIUS, seed=shot.seed * 1000 + one, include_truth=False
+            ).data
+            for one in range(shot.frames)
+        ]
+    )
+
+
+def of_galsim(shot: Shot) -> Codes:
+    """GalSim: an image of mean electrons, and CCDNoise. Black level and clips are its user's NumPy."""
+    import galsim
+
+    noise = galsim.CCDNoise(
+        galsim.BaseDeviate(shot.seed + 1),
+        gain=1 / GAIN_DN_PER_E,
+        read_noise=READ_NOISE_E,
+        sky_level=DARK_E_PER_S * shot.time_s * GAIN_DN_PER_E,
+    )
+    found = []
+    for _ in range(shot.frames):
+        mean_e = np.full(shot.shape, shot.photons * QE, np.float32)
+        image = galsim.ImageF(mean_e * np.float32(GAIN_DN_PER_E))
+        image.addNoise(noise)
+        image += noise.sky_level + BLACK_LEVEL_DN
+        image.quantize()
+        found.append(np.clip(image.array, 0, 2**BITS - 1).astype(np.uint16))
+    return np.stack(found)
+
+
+def of_emva1288(shot: Shot) -> Codes:
+    """The simulator of the package emva1288. It clips electrons at 0, so the black level is given as electrons."""
+    from emva1288.camera import Camera
+    from emva1288.camera.routines import Qe, get_radiance
+
+    wavelengths, time_ns = np.array([WAVELENGTH_NM]), shot.time_s * 1e9
+    black_e = BLACK_LEVEL_DN / GAIN_DN_PER_E
+    camera = Camera(
+        pixel_area=PITCH_UM**2,
+        bit_depth=BITS,
+        width=shot.shape[1],
+        height=shot.shape[0],
+        temperature=CELSIUS,
+        temperature_ref=CELSIUS,
+        qe=Qe(np.full((*shot.shape, 1), QE), wavelengths, shot.shape[1], shot.shape[0]),
+        exposure=time_ns,
+        K=GAIN_DN_PER_E,
+        K_min=GAIN_DN_PER_E,
+        K_max=GAIN_DN_PER_E,
+        dark_current_ref=DARK_E_PER_S,
+        dark_signal_0=black_e,
+        sigma2_dark_0=READ_NOISE_E**2,
+        u_esat=FULL_WELL_E + black_e,
+        prnu=np.ones(shot.shape),
+        dsnu=np.zeros(shot.shape),
+        seed=shot.seed,
+    )
+    light = get_radiance(
+        time_ns, np.full((*shot.shape, 1), shot.photons), PITCH_UM**2, 8, wavelengths
+    )
+    return np.stack([camera.grab(light) for _ in range(shot.frames)])
+
+
+def of_pyxel(shot: Shot) -> Codes:
+    """Pyxel's CMOS."""
+    import pyxel
+    from pyxel.exposure import Exposure, Readout
+
+    np.random.seed(shot.seed)
+    detector, pipeline = _pyxel_detector(shot.shape), _pyxel_pipeline(shot)
+    mode = Exposure(Readout(times=[shot.time_s]))
+    taken = [
+        pyxel.run_mode(mode=mode, detector=detector, pipeline=pipeline)
+        for _ in range(shot.frames)
+    ]
+    return np.stack([one["/bucket/image"].to_numpy()[0] for one in taken])
+
+
+def _pyxel_detector(shape: tuple[int, int]) -> Any:
+    """1 µV/e-. The converter truncates: an input range that begins half a code lower makes it round."""
+    from pyxel.detectors import CMOS, CMOSCharacteristics, CMOSGeometry, Environment
+    from pyxel.detectors.charge_to_volt_settings import ChargeToVoltSettings
+
+    volts_per_dn = 1e-6 / GAIN_DN_PER_E
+    lowest_v = -(BLACK_LEVEL_DN + 0.5) * volts_per_dn
+    return CMOS(
+        geometry=CMOSGeometry(row=shape[0], col=shape[1]),
+        environment=Environment(temperature=TEMPERATURE_K),
+        characteristics=CMOSCharacteristics(
+            quantum_efficiency=QE,
+            charge_to_volt=ChargeToVoltSettings(value=1e-6),
+            full_well_capacity=FULL_WELL_E,
+            adc_bit_resolution=BITS,
+            adc_voltage_range=(lowest_v, lowest_v + (2**BITS - 1) * volts_per_dn),
+        ),
+    )
+
+
+def _pyxel_pipeline(shot: Shot) -> Any:
+    """The models in the order of the pipeline."""
+    from pyxel.pipelines import DetectionPipeline, ModelFunction
+
+    def model(path: str, **arguments: Any) -> ModelFunction:
+        return ModelFunction(f"pyxel.models.{path}", path.rpartition(".")[2], arguments)
+
+    collect = ModelFunction("simulators.collect", "collect", {"photons": shot.photons})
+    return DetectionPipeline(
+        photon_collection=[collect, model("photon_collection.shot_noise")],
+        charge_generation=[
+            model("charge_generation.simple_conversion"),
+            model("charge_generation.simple_dark_current", dark_rate=DARK_E_PER_S),
+        ],
+        charge_collection=[
+            model("charge_collection.simple_collection"),
+            model("charge_collection.simple_full_well"),
+        ],
+        charge_measurement=[
+            model("charge_measurement.simple_measurement"),
+            model("charge_measurement.output_node_noise", std_deviation=READ_NOISE_E * 1e-6),
+        ],
+        readout_electronics=[model("readout_electronics.simple_adc")],
+    )
+
+
+def collect(detector: Any, photons: float) -> None:
+    """A Pyxel model: the same photons in every pixel."""
+    detector.photon += np.full(detector.geometry.shape, photons)
+
+
+OTHERS: dict[str, Callable[[Shot], Codes]] = {
+    "getframes": of_getframes,
+    "emva1288": of_emva1288,
+    "pyxel": of_pyxel,
+    "galsim": of_galsim,
+}
+
+
+class Timed:
+    """Frames of a simulator, eight in each call: a task of ``alternate``.
+
+    frames_of : function shot → frames.
+    """
+
+    runs = FRAMES_PER_CALL
+
+    def __init__(self, frames_of: Callable[[Shot], Codes]) -> None:
+        self.frames_of, self.calls = frames_of, list[Codes]()
+
+    def __call__(self) -> None:
+        photons, seed = MEAN_ELECTRONS / QE, 1 + len(self.calls)
+        shot = Shot(photons, 1.0, FRAMES_PER_CALL, seed, SHAPE)
+        self.calls.append(self.frames_of(shot))
+
+    def error_dn(self) -> float:
+        """Return the larger deviation of mean and temporal σ from their closed forms, over all calls [DN]."""
+        mean_dn = np.mean([frames.mean(dtype=float) for frames in self.calls])
+        variance_dn2 = np.mean([np.var(one, 0, float, ddof=1).mean() for one in self.calls])
+        mean, sigma = expected_dn()
+        return float(max(abs(mean_dn - mean), abs(np.sqrt(variance_dn2) - sigma)))
+
+
+def expected_dn() -> tuple[float, float]:
+    """Return mean and temporal σ [DN] of Poisson electrons, normal read noise and rounding (EMVA 1288, eq. 11)."""
+    mean_e = MEAN_ELECTRONS + DARK_E_PER_S
+    variance_e2 = mean_e + READ_NOISE_E**2
+    sigma_dn = math.sqrt(GAIN_DN_PER_E**2 * variance_e2 + 1 / 12)
+    return GAIN_DN_PER_E * mean_e + BLACK_LEVEL_DN, sigma_dn
+
+
+def work_precision(turns: int) -> dict[str, dict[str, float]]:
+    """Return run time and error of this package on each engine and of every installed simulator, timed in turns."""
     tasks = {
-        f"this package, {name}": Timed(partial(on_engine, options), sheet)
+        f"this package, {name}": Timed(partial(on_engine, options))
         for name, options in OUR_ENGINES.items()
     }
-    tasks |= {
-        name: Timed(SIMULATORS[name], sheet) for name in simulators if name != "mitsuba_sensor"
-    }
+    tasks |= {name: Timed(frames) for name, frames in OTHERS.items() if find_spec(name)}
     seconds = alternate(tasks, turns)
     first = seconds["this package, NumPy float64"]
-    pixels, fastest = math.prod(PLOTTED_SHAPE), seconds["this package, Dr.Jit float32"]
+    fastest = seconds["this package, Dr.Jit float32"]
     return {
         name: {
-            "ns_per_pixel": 1e9 * float(np.median(seconds[name])) / pixels,
+            "ns_per_pixel": 1e9 * float(np.median(seconds[name])) / math.prod(SHAPE),
             "error_dn": task.error_dn(),
             "times_as_fast_as_float64": ratio(first, seconds[name]),
             "drjit_times_as_fast": ratio(seconds[name], fastest),
@@ -285,9 +299,9 @@ def work_precision(simulators: list[str], turns: int) -> dict[str, dict[str, flo
 
 
 def plot_of(results: dict[str, dict[str, float]], turns: int) -> Plot:
-    """Error against run time; the level is what this many frames can tell."""
-    sigma_dn = shared_law_dn(SHEETS["industrial CMOS"])[1]
-    error_dn = sigma_dn / math.sqrt((turns + 1) * FRAMES_A_CALL * math.prod(PLOTTED_SHAPE))
+    """Plot error versus run time, with the level that this many frames can resolve."""
+    sigma_dn = expected_dn()[1]
+    error_dn = sigma_dn / math.sqrt((turns + 1) * FRAMES_PER_CALL * math.prod(SHAPE))
     lines = [
         line(name, [(one["ns_per_pixel"], max(one["error_dn"], error_dn / 10))], joined=False)
         for name, one in results.items()
@@ -297,77 +311,20 @@ def plot_of(results: dict[str, dict[str, float]], turns: int) -> Plot:
     return Plot(title, "run time [ns/pixel]", axis, tuple(lines), levels=levels)
 
 
-def results_of(asked: argparse.Namespace, simulators: list[str], sheet: str) -> dict[str, Any]:
-    """The sheet; by simulator: figures by both packages, if they are installed, speed and memory."""
-    costs = cost(simulators, sheet, asked.turns)
-    results: dict[str, Any] = {"sheet": of_sheet(SHEETS[sheet])}
-    for one in simulators:
-        series = series_of(one, SHEETS[sheet], asked.levels, asked.side)
-        figures = {name: measure(series) for name, measure in packages().items()}
-        results[one] = {"figures": figures, **costs[one]}
-    return results
-
-
-def quiet() -> None:
-    """Saturated levels are wanted, and a simulator without DSNU has roots of negative variances."""
-    warnings.simplefilter("ignore")
-
-
-def packages() -> dict[str, Callable[[Series], Figures]]:
-    """emva1288 where it is installed, and our lab."""
-    ours: dict[str, Callable[[Series], Figures]] = {"our lab": by_our_lab}
-    if find_spec("emva1288"):
-        return {"emva1288": by_emva1288, **ours}
-    return ours
-
-
-def table(name: str, results: dict[str, Any]) -> list[str]:
-    """A Markdown table of a sheet: a row per figure, a column per simulator."""
-    found = {one: of for one, of in results.items() if one != "sheet"}
-    lines = [f"{name}: {SHEETS[name].what}", ""]
-    lines.append("| figure | sheet | " + " | ".join(found) + " |")
-    lines.append("|---|---|" + "---|" * len(found))
-    for figure, true in results["sheet"].items():
-        cells = [
-            " / ".join(f"{of[figure]:.4g}" for of in one["figures"].values())
-            for one in found.values()
-        ]
-        lines.append(f"| {figure} [{UNITS[figure]}] | {true:.4g} | " + " | ".join(cells) + " |")
-    for title, key in (("speed [Mpx/s]", "mpx_per_s"), ("memory [MB]", "memory_mb")):
-        cells = [f"{one[key]:.3g}" for one in found.values()]
-        lines.append(f"| {title} | | " + " | ".join(cells) + " |")
-    return lines
-
-
 def main() -> None:
-    """Parse the options, run every simulator that is installed, print."""
+    """Run every simulator that is installed, draw the plot, print the numbers."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--sheets", nargs="+", default=list(SHEETS), choices=SHEETS)
-    parser.add_argument("--simulators", nargs="+", default=list(SIMULATORS), choices=SIMULATORS)
-    parser.add_argument("--levels", type=int, default=50, help="exposure times (default 50)")
-    parser.add_argument("--side", type=int, default=256, help="rows and columns (default 256)")
     parser.add_argument("--turns", type=int, default=5, help="timed turns (default 5)")
-    parser.add_argument("--plot", type=Path, help="PNG file: error against run time, alone")
-    parser.add_argument("--json", action="store_true", help="print JSON only")
-    asked = parser.parse_args()
-    missing = [one for one in asked.simulators if not find_spec(one)]
-    used = [one for one in asked.simulators if one not in missing]
-    quiet()
-    if asked.plot:
-        found = work_precision(used, asked.turns)
-        asked.plot.write_bytes(png(plot_of(found, asked.turns)))
-        print(json.dumps({**machine(), "turns": asked.turns, "simulators": found}, indent=1))
-        return
-    results = {sheet: results_of(asked, used, sheet) for sheet in asked.sheets}
-    if asked.json:
-        print(json.dumps({"missing": missing, "sheets": results}))
-        return
-    for one in missing:
-        print(f"{one} is not installed; pip install '.[peers]' installs it.")
-    for sheet, found in results.items():
-        print("\n".join(table(sheet, found)), end="\n\n")
+    parser.add_argument("--plot", type=Path, help="PNG file to draw")
+    parser.add_argument("--json", action="store_true", help="accepted; JSON is always printed")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")  # of the other packages
+    results = work_precision(options.turns)
+    if options.plot:
+        options.plot.write_bytes(png(plot_of(results, options.turns)))
+    print(json.dumps({**machine(), "turns": options.turns, "simulators": results}, indent=1))
 
 
 if __name__ == "__main__":

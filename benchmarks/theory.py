@@ -6,7 +6,7 @@ The cases are the shipped cameras in light from darkness to beyond saturation, o
 ranges, with --full about their full well; 5a4fbc1b:benchmarks/theory_cases.py has 112 more. Each is exposed with many
 serials, a few frames each. A standard error is the spread from serial to serial: rows and columns are shared
 by the pixels of a serial, serials are independent. The columns are theory, frames and the distance in standard errors
-(z, for σ of the variances; of both sides together).
+of both sides (z, for σ of the variances), for mean, temporal σ and spatial σ.
 The verdict is ok where each of the three lies within 4 standard errors, or σ within 1 % and the mean within 0.02 σ.
 By chance one of 5000 distances is above 4. The last column is the processor time of the theory.
 """
@@ -20,7 +20,6 @@ import sys
 import time
 import warnings
 import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -38,7 +37,7 @@ PARTS_OF_SATURATION = (0.0, 0.1, 0.9, 1.0, 1.2)
 
 @dataclass(frozen=True)
 class Case:
-    """One camera in one exposure at one level of light [mean photoelectrons]."""
+    """A camera, an exposure and an exposure level [mean photoelectrons]."""
 
     name: str
     camera: ms.Camera
@@ -46,7 +45,7 @@ class Case:
     exposure: ms.Exposure = ms.Exposure(0.1)  # noqa: RUF009
 
     def photons(self, shape: tuple[int, int]) -> ms.Photons:
-        """Of all pixels of a window."""
+        """Return the photoelectrons of a window."""
         curves = len(self.camera.quantum_efficiency.curves)
         return ms.Photons(
             np.full((*shape, curves), self.level_e), np.arange(curves) + 500.0, detected=True
@@ -54,7 +53,7 @@ class Case:
 
 
 def shipped_cases() -> list[Case]:
-    """Cameras of one readout, each at some parts of its saturation."""
+    """Return cameras with one readout at fractions of their saturation."""
     cameras = [one for one in map(ms.load_camera, ms.list_cameras()) if not one.readouts]
     return [
         Case(f"{camera.name} {part:.0%}", camera, part * saturation_e(camera))
@@ -64,7 +63,7 @@ def shipped_cases() -> list[Case]:
 
 
 def random_case(number: int) -> Case:
-    """A camera, an exposure and a level of light out of wide ranges."""
+    """Return a camera, an exposure and an exposure level from wide ranges."""
     rng = np.random.default_rng([2024, number])
 
     def log(low: float, high: float) -> float:
@@ -139,7 +138,7 @@ def random_case(number: int) -> Case:
 
 
 def full_case(number: int) -> Case:
-    """A random camera in light of 0.9 to 2 times what fills its well, or its converter if that is less."""
+    """Return a random camera at 0.9 to 2 times its saturation."""
     case, rng = random_case(number), np.random.default_rng([2026, number])
     try:
         full_e = saturation_e(case.camera)
@@ -148,34 +147,10 @@ def full_case(number: int) -> Case:
     return replace(case, name=f"full {number}", level_e=float(rng.uniform(0.9, 2.0)) * full_e)
 
 
-@dataclass(frozen=True)
-class Compared:
-    """One quantity of one case.
-
-    theory, frames : [DN], of variances the root.  z : distance in standard errors, of the variances.
-    tolerance_dn : distance that does not matter.
-    """
-
-    theory: float
-    frames: float
-    z: float
-    tolerance_dn: float
-
-    @property
-    def close(self) -> bool:
-        """Within 1 % of σ, or 0.02 σ of the mean."""
-        return abs(self.theory - self.frames) <= self.tolerance_dn
-
-    @property
-    def ok(self) -> bool:
-        """That, or within four standard errors."""
-        return self.close or abs(self.z) <= ERRORS
-
-
 def theory_of(
     case: Case, shape: tuple[int, int] = SHAPE
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
-    """Mean, temporal and spatial variance of the codes [DN, DN²], their standard errors, and processor seconds."""
+    """Return mean, temporal and spatial variance of the codes [DN, DN²], standard errors, and processor seconds."""
     options: dict[str, Any] = {"serial": 0, "engine": "numpy"}
     frames = ms.expose(case.photons(shape), case.camera, case.exposure, **options)
     start = time.process_time()
@@ -183,158 +158,109 @@ def theory_of(
     return np.array(found[:3]), np.array(found.errors), time.process_time() - start
 
 
-def frames_of(
-    case: Case, serial: int, count: int, shape: tuple[int, int]
-) -> NDArray[np.float64]:
-    """Frames of one serial, (count, H, W) [DN]; with a seed of its own."""
-    photons = case.photons(shape)
-    options: dict[str, Any] = {
-        "serial": serial,
-        "seed": serial,
-        "engine": "numpy",
-    }
-    found = ms.expose(photons, case.camera, case.exposure, frames=count, **options).digital
-    return found.astype(np.float64)
-
-
 def measured(
     case: Case, serials: int, count: int, shape: tuple[int, int] = SHAPE
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean, temporal and spatial variance of frames, and their standard errors, (3,) each."""
-    means, squares, temporal, reference = (
-        [],
-        [],
+    """Return mean, temporal and spatial variance of frames [DN, DN²], and their standard errors, shape (3,) each."""
+    rows, reference = (
         [],
         0.0,
-    )  # the last one: squares of small numbers are exact
-    first = (
-        zlib.crc32(f"{case.name} {case.level_e:g}".encode()) % 10**6
-    )  # other serials for every case
+    )  # subtracted from all codes, so squares of small numbers are exact
+    first = zlib.crc32(f"{case.name} {case.level_e:g}".encode()) % 10**6  # for other serials
     for serial in range(first, first + serials):
-        stack = frames_of(case, serial, count, shape)
+        options: dict[str, Any] = {"serial": serial, "seed": serial, "engine": "numpy"}
+        frames = ms.expose(
+            case.photons(shape), case.camera, case.exposure, frames=count, **options
+        )
+        stack = frames.digital.astype(np.float64)
         reference = reference or float(stack.mean())
         pixels = stack.mean(axis=0) - reference
-        means.append(pixels.mean())
-        squares.append((pixels**2).mean())
-        temporal.append(stack.var(axis=0, ddof=1).mean())
-    mean, square, own = np.array(means), np.array(squares), np.array(temporal)
+        rows.append((pixels.mean(), (pixels**2).mean(), stack.var(axis=0, ddof=1).mean()))
+    mean, square, temporal = np.array(rows).T
     average = mean.mean()
     lost = (
         mean.var(ddof=1) / serials
-    )  # by taking the average of these serials for the expected mean
-    fixed = square - 2 * average * mean + average**2 - own / count + lost
-    values = np.stack([mean + reference, own, fixed])
+    )  # because the average of these serials replaces the expected mean
+    fixed = square - 2 * average * mean + average**2 - temporal / count + lost
+    values = np.stack([mean + reference, temporal, fixed])
     return values.mean(axis=1), values.std(axis=1, ddof=1) / math.sqrt(serials)
 
 
-def compared(
-    case: Case, serials: int, count: int, shape: tuple[int, int] = SHAPE
-) -> dict[str, Any]:
-    """One row of the table."""
-    expected, own_errors, seconds = theory_of(case, shape)
-    found, errors = measured(case, serials, count, shape)
-    rows, sigma_dn = {}, math.sqrt(max(found[1] + found[2], 0.0))
-    for k, name in enumerate(QUANTITIES):
-        pair = [float(x[k]) if k == 0 else math.sqrt(max(x[k], 0.0)) for x in (expected, found)]
-        rare = 1 / (serials * shape[0] * shape[1])  # what one pixel would have shown
-        error = math.hypot(errors[k], own_errors[k])
-        tolerance_dn = OF_MEAN * sigma_dn if k == 0 else OF_SIGMA * pair[1]
-        rows[name] = Compared(
-            *pair, float(expected[k] - found[k]) / max(error, rare), tolerance_dn
-        )
-    return {
+def compared(case: Case, serials: int, count: int) -> dict[str, Any]:
+    """Return one row of the table.
+
+    theory, frames : [DN], the root of variances.  z : distance in standard errors, of variances.
+    close : within 1 % of σ, and 0.02 σ of the mean.  ok : close, or within four standard errors.
+    """
+    expected, theory_errors, seconds = theory_of(case)
+    found, errors = measured(case, serials, count)
+    row: dict[str, Any] = {
         "case": case.name,
         "level_e": case.level_e,
-        **{name: vars(one) for name, one in rows.items()},
-        "close": all(one.close for one in rows.values()),
-        "ok": all(one.ok for one in rows.values()),
-        "seconds": seconds,
+        "close": True,
+        "ok": True,
     }
+    sigma_dn = math.sqrt(max(found[1] + found[2], 0.0))
+    rare = 1 / (serials * math.prod(SHAPE))  # what one pixel would have shown
+    for k, name in enumerate(QUANTITIES):
+        theory, frames = (
+            float(x[k]) if k == 0 else math.sqrt(max(x[k], 0.0)) for x in (expected, found)
+        )
+        z = float(expected[k] - found[k]) / max(math.hypot(errors[k], theory_errors[k]), rare)
+        tolerance_dn = OF_MEAN * sigma_dn if k == 0 else OF_SIGMA * frames
+        close = abs(theory - frames) <= tolerance_dn
+        row[name] = {"theory": theory, "frames": frames, "z": z}
+        row["close"] &= close
+        row["ok"] &= close or abs(z) <= ERRORS
+    return {**row, "seconds": seconds}
 
 
 def main() -> int:
-    """Parse the options, compare, print the table; 1 where one case disagrees."""
+    """Parse the options, compare, print the table; return 1 if one case disagrees."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--serials", type=int, default=64, help="serials of each case")
+    parser.add_argument("--frames", type=int, default=4, help="frames of each serial")
+    parser.add_argument("--cases", nargs="+", default=[""], help="parts of the names of cases")
     parser.add_argument(
-        "--serials", type=int, default=64, help="serials of each case (default 64)"
+        "--random", type=int, nargs="+", help="instead: number of random cases, and the first"
     )
-    parser.add_argument(
-        "--frames", type=int, default=4, help="frames of each serial (default 4)"
-    )
-    parser.add_argument(
-        "--cases",
-        nargs="+",
-        default=[""],
-        help="only the cases whose name contains one of these",
-    )
-    parser.add_argument(
-        "--random",
-        type=int,
-        nargs="+",
-        default=(),
-        help="instead: so many random cases [from this one]",
-    )
+    parser.add_argument("--full", action="store_true", help="random cases about saturation")
     parser.add_argument("--json", action="store_true", help="print JSON only")
-    parser.add_argument(
-        "--full", action="store_true", help="random cases about full well and full scale"
-    )
     options = parser.parse_args()
-    warnings.simplefilter("ignore", ms.SensorWarning)  # that pixels are saturated is asked for
-    chosen = [
-        case
-        for case in shipped_cases()
-        if any(text.lower() in case.name.lower() for text in options.cases)
-    ]
+    warnings.simplefilter("ignore", ms.SensorWarning)  # saturated pixels are wanted
     if options.random:
-        first = options.random[1] if len(options.random) > 1 else 0
+        count, first = (*options.random, 0)[:2]
         make = full_case if options.full else random_case
-        chosen = [make(first + k) for k in range(options.random[0])]
+        chosen = [make(first + k) for k in range(count)]
+    else:
+        asked = [text.lower() for text in options.cases]
+        chosen = [
+            one for one in shipped_cases() if any(text in one.name.lower() for text in asked)
+        ]
     rows = []
     for case in chosen:
-        rows.append(compared(case, options.serials, options.frames))
+        rows.append(row := compared(case, options.serials, options.frames))
         if not options.json:
-            show(rows[-1], header=len(rows) == 1)
+            cells = "".join(
+                f"{row[q]['theory']:>15.4f}{row[q]['frames']:>15.4f}{row[q]['z']:>6.1f}"
+                for q in QUANTITIES
+            )
+            verdict = "ok" if row["ok"] else "NOT"
+            print(
+                f"{row['case'][:29]:30}{row['level_e']:>9.4g}{cells}  {verdict:4}{row['seconds']:.2f} s"
+            )
     if options.json:
         print(json.dumps({"serials": options.serials, "frames": options.frames, "rows": rows}))
     else:
-        summarise(rows)
-    return 0 if all(row["ok"] for row in rows) else 1
-
-
-def show(row: dict[str, Any], *, header: bool = False) -> None:
-    """Print one row."""
-    if header:
+        z = max(abs(row[q]["z"]) for row in rows for q in QUANTITIES)
+        good, close = (sum(row[key] for row in rows) for key in ("ok", "close"))
+        seconds = np.median([row["seconds"] for row in rows])
         print(
-            f"{'case':30}{'level':>9}"
-            + "".join(f"{name:>30}{'z':>6}" for name in QUANTITIES)
-            + "  verdict"
+            f"{len(rows)} cases, {good} ok, {close} close; largest z {z:.1f}; median {seconds:.2f} s"
         )
-    cells = "".join(
-        f"{row[q]['theory']:>15.4f}{row[q]['frames']:>15.4f}{row[q]['z']:>6.1f}"
-        for q in QUANTITIES
-    )
-    verdict = "ok" if row["ok"] else "NOT"
-    print(
-        f"{row['case'][:29]:30}{row['level_e']:>9.4g}{cells}  {verdict:4}{row['seconds']:.2f} s",
-        flush=True,
-    )
-
-
-def summarise(rows: Sequence[dict[str, Any]]) -> None:
-    """Print how many there are, how far off the worst is, and the time of the theory."""
-    worst = max(rows, key=lambda row: max(abs(row[q]["z"]) for q in QUANTITIES))
-    z = max(abs(worst[q]["z"]) for q in QUANTITIES)
-    times = sorted(row["seconds"] for row in rows)
-    good, close = (sum(row[key] for row in rows) for key in ("ok", "close"))
-    print(
-        f"{len(rows)} cases, {good} ok, {close} of them within 1 % of σ and 0.02 σ of the mean; "
-        f"worst z {z:.1f} ({worst['case']})"
-    )
-    print(
-        f"processor time of a theory: median {times[len(times) // 2]:.2f} s, largest {times[-1]:.2f} s"
-    )
+    return 0 if all(row["ok"] for row in rows) else 1
 
 
 if __name__ == "__main__":

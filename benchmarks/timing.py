@@ -25,7 +25,7 @@ HERE = Path(__file__).resolve().parent
 
 
 def alternate(tasks: Mapping[str, Callable[[], object]], turns: int) -> dict[str, list[float]]:
-    """Seconds of every task in every turn, after one turn that is not counted; divided by ``task.runs``, if any."""
+    """Return the seconds of every task in every turn after an uncounted one, divided by ``task.runs`` if set."""
 
     def counted(task: Callable[[], object]) -> int:
         task()
@@ -37,7 +37,7 @@ def alternate(tasks: Mapping[str, Callable[[], object]], turns: int) -> dict[str
 def speeds(
     seconds: Mapping[str, list[float]], pixels: int, base: str
 ) -> dict[str, dict[str, float]]:
-    """Median seconds, Mpx/s, and the speed relative to ``base``, of every task."""
+    """Return median seconds, Mpx/s, and the speed relative to ``base`` of every task."""
     return {
         name: {
             "seconds": statistics.median(those),
@@ -49,7 +49,7 @@ def speeds(
 
 
 def in_child(module: str, function: str, *arguments: Any, home: str | None = None) -> Any:
-    """The return value of a function of a benchmark, run in a child process.
+    """Run a function of a benchmark in a child process; return its value.
 
     home : the folder to use as ~, in which Dr.Jit stores compiled kernels.
     """
@@ -63,7 +63,7 @@ def in_child(module: str, function: str, *arguments: Any, home: str | None = Non
 
 
 def lines(tree: Any, path: str = "") -> Iterator[str]:
-    """Nested results as text: one line per group of values, after the keys that lead to it."""
+    """Yield nested results as text: one line per group of values, after its keys."""
     if isinstance(tree, list):
         for row in tree:
             yield from lines(row, path)

@@ -30,8 +30,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera import Camera
 from mitsuba_sensor.camera.emva_sheet import COMPARED, KEYS, EmvaSheet
 from mitsuba_sensor.camera.field_catalogue import Entry, markdown_rows, tables
-from mitsuba_sensor.cli import app
-from mitsuba_sensor.cli.help import commands_below
+from mitsuba_sensor.cli.app import app, commands_below
 from mitsuba_sensor.render.scene.asked import materials
 from mitsuba_sensor.render.scene.motion import KeyPose, RigidMotion
 from mitsuba_sensor.render.scene.plugin_parameters import (

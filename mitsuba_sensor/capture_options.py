@@ -33,10 +33,10 @@ class LevelOptions(TypedDict, total=False):
     lights: Annotated[
         Mapping[str, "float | str | Waveform"] | None,
         Option(
-            "Level of a light group, over that of the render: --light lamps=0.2; 0 switches it off. Or a waveform, its "
-            "level in front: 'lamps=2 pwm(100, 0.5)' (Hz, lit share of a period), sine(100, 0.3) (Hz, depth), "
-            "mains(50), table(FILE.csv). Repeatable. For light that was rendered in groups; irradiance.exr keeps the "
-            "groups as they were rendered.",
+            "Set the level of a light group relative to its render, e.g. lamps=0.2; 0 switches it off. A waveform may "
+            "follow the level: 'lamps=2 pwm(100, 0.5)' (Hz, duty cycle), sine(100, 0.3) (Hz, depth), mains(50), "
+            "table(FILE.csv). Repeatable. Needs light rendered with --light-groups, which irradiance.exr keeps "
+            "unchanged.",
             flag="--light",
             metavar="NAME=LEVEL",
             panel="Light groups",
@@ -52,9 +52,9 @@ class LightOptions(FrameOptions, LevelOptions, total=False):
     auto_exposure: Annotated[
         "str | AutoExposure | None",
         Option(
-            "Change exposure time and gain from frame to frame, so that the mean of the frames comes to a share of "
-            "saturation: 'target 0.18, damping 0.5, delay 2'; also shortest_s, longest_s, and mains_hz 50, which keeps "
-            "the time at multiples of half a period. For frames with --fps; the first one has --exposure-s.",
+            "Adapt exposure time and gain between frames until their mean reaches a fraction of saturation, e.g. "
+            "'target 0.18, damping 0.5, delay 2'. Further keys: shortest_s, longest_s, and mains_hz, which keeps the "
+            "time at multiples of half a period. Needs --fps; the first frame uses --exposure-s.",
             metavar="NUMBERS",
             panel="Camera and exposure",
             text=str,
@@ -64,7 +64,7 @@ class LightOptions(FrameOptions, LevelOptions, total=False):
     preview_gain: Annotated[
         float,
         Option(
-            "Brighten frame.png by this factor, with its noise; not frame.tiff.",
+            "Brighten frame.png by this factor, with its noise; frame.tiff is unchanged.",
             1.0,
             low=0,
             high=1e9,
@@ -74,24 +74,24 @@ class LightOptions(FrameOptions, LevelOptions, total=False):
     clean: Annotated[
         bool,
         Option(
-            "Also write clean.tiff [DN] and temporal_variance.tiff [DN²], float32; what the frames of this very camera "
-            "are on average, with its fixed pattern and without temporal noise, and how much they vary.",
+            "Also write the expected frame with fixed-pattern noise (clean.tiff [DN]) and the temporal variance "
+            "(temporal_variance.tiff [DN²]), both float32.",
             False,
         ),
     ]
     dng: Annotated[
         bool,
         Option(
-            "Also write frame.dng, which raw developers open; of several frames one file each, frame_0000.dng and so "
-            "on. For cameras without colour filters or with red, green and blue in 2 × 2, of 16 bits at most.",
+            "Also write frame.dng for raw converters; several frames get one file each, frame_0000.dng and so on. The "
+            "camera must be monochrome or have red, green and blue filters in 2 × 2 tiles, and at most 16 bits.",
             False,
         ),
     ]
     page: Annotated[
         bool,
         Option(
-            "Also write frame.html, a page of the first frame for a browser: a slider over exposure times, the "
-            "expected code and noise of the pixel under the pointer, histogram, noise budget and notes.",
+            "Also write frame.html, a page about the first frame; it has a slider of exposure times, the expected "
+            "code and noise of the pixel under the pointer, a histogram, the noise budget and notes.",
             False,
         ),
     ]
@@ -103,26 +103,24 @@ class CaptureOptions(RenderOptions, LightOptions, total=False):
     render_noise: Annotated[
         Literal["shared", "per-frame"],
         Option(
-            "shared: one render for all frames; per-frame: a render for each frame.",
+            "Render once for all frames (shared), or render each frame with its own render noise (per-frame).",
             "shared",
             panel="Frames and seeds",
         ),
     ]
-    no_irradiance: Annotated[
-        bool, Option("Write no irradiance.exr, which exposes the same light again.", False)
-    ]
+    no_irradiance: Annotated[bool, Option("Omit irradiance.exr, which `expose` needs.", False)]
     half: Annotated[
         bool,
         Option(
-            "Write the bands of irradiance.exr in half precision, rounded by at most 0.05 %: a sixth of the size. "
-            "--bandwidth-nm 40 makes it four times smaller again.",
+            "Write irradiance.exr in half precision, rounded by at most 0.05 % and a sixth as large. --bandwidth-nm 40 "
+            "makes it four times smaller again.",
             False,
         ),
     ]
     aovs: Annotated[
         bool,
         Option(
-            "Also trace AOVs: depth, position, normals, albedo, shapes, optical flow.", False
+            "Also write AOVs: depth, position, normals, albedo, shapes, optical flow.", False
         ),
     ]
 

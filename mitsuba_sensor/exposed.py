@@ -198,7 +198,7 @@ def render_each_frame(request: Request) -> Exposed:
         lights, parts = list[Irradiance](), list[Frames]()
         for exposed, light, _ in series.renders(request.progress):
             lights = lights or [light]
-            parts.append(Frames.exposed(exposed, followed=not parts))
+            parts.append(Frames.exposed(exposed))
     frames = Frames.joined(parts, with_clean=options["clean"])
     return exposed_of_scene(request, series.prepared, lights[0], frames)
 

@@ -63,13 +63,12 @@ def frames_in_time(
     options: ExposeOptions,
     rule: AutoExposure | None = None,
     *,
-    report: bool = False,
     with_clean: bool = False,
 ) -> Iterator[TimedFrame]:
     """Frames one after the other, each in the light of its own time.
 
     sensor : of the first frame, which every frame has but for its time, exposure, gain and light.
-    rule : of automatic exposure.  report : whether the first one has its report.
+    rule : of automatic exposure.
     Raises InputError at once for an exposure that is longer than a frame.
     """
     times, first, kept = FrameTimes.of(options), sensor.first, KeptMaps(RECENT_BYTES)
@@ -111,7 +110,7 @@ def frames_in_time(
                 lit = photons.changed(by_readout={BEFORE: before})
             one = sensor_at_gain().of(lit, number)
             before = photons if lags else None
-            frames = Frames.exposed(one, followed=report and number == first.index)
+            frames = Frames.exposed(one)
             if with_clean:
                 frames = replace(frames, own_clean=frames.clean[None])
             measured = None if control is None else control.measure(frames.digital[0])
@@ -140,7 +139,7 @@ def expose_frames(
     sensor, times = told_of(sensor, progress), FrameTimes.of(options)
     if times.period_s is None or not (light.waveforms or options["auto_exposure"]):
         times.check(sensor.first.exposure, sensor.camera)
-        frames = Frames.exposed(sensor, followed=True)
+        frames = Frames.exposed(sensor)
         return frames, tuple(_of_still_light(frames, light, times))
     return expose_moving(sensor, lambda *frame: light, options)
 
@@ -151,7 +150,7 @@ def expose_moving(
     """Frames that each have the light of their own time."""
     rule = cast(AutoExposure | None, options["auto_exposure"])
     with_clean, asked = options["clean"], part_of(ExposeOptions, options)
-    series = frames_in_time(sensor, light_of, asked, rule, report=True, with_clean=with_clean)
+    series = frames_in_time(sensor, light_of, asked, rule, with_clean=with_clean)
     return joined(series, with_clean)
 
 
@@ -166,7 +165,7 @@ def _of_still_light(
         number = frames.first.index + k
         first = replace(frames.first, index=number, _blocks={})
         own = {name: getattr(frames, name)[k : k + 1] for name in kept}
-        one = replace(frames, first=first, observer=None, **own)
+        one = replace(frames, first=first, counted=frames.counted if k == 0 else None, **own)
         yield TimedFrame(times.of_frame(number), one, light.statistics.camera_to_world)
 
 

@@ -11,8 +11,11 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import Any
 
+import mutations
 import pytest
 from helpers import BENCHMARKS
+
+import mitsuba_sensor
 
 
 def run(script: str, *arguments: str) -> Any:
@@ -74,8 +77,8 @@ TINY = ("--mpx", "0.01", "--content", "ramp", "--turns", "1")
 
 
 @pytest.mark.exhaustive
-def test_every_case_has_a_speed_and_a_ratio_and_parts_are_timed_against_the_whole() -> None:
-    arguments = "--electrons 1 1000 --engines numpy drjit --parts cases single"
+def test_every_case_has_a_speed_and_a_ratio() -> None:
+    arguments = "--electrons 1 1000 --engines numpy drjit --parts cases"
     speed = run("backend_speed.py", *TINY, *arguments.split())
     engines = {"numpy", "drjit"} - set(speed["refused"])
     assert [row["electrons"] for row in speed["cases"]["rows"]] == [1, 1000]
@@ -83,12 +86,6 @@ def test_every_case_has_a_speed_and_a_ratio_and_parts_are_timed_against_the_whol
         assert_speeds(row["engines"], "plain", *engines)
         assert row["engines"]["plain"]["ratio_to_plain"] == 1
     assert_speeds(speed["cases"]["summary"], *engines)
-    (row,) = speed["single"]["rows"]
-    assert_speeds(
-        row["engines"],
-        "plain",
-        *(f"{name} {what}" for name in engines for what in ("sensor", "stream")),
-    )
 
 
 @pytest.mark.exhaustive
@@ -146,20 +143,18 @@ def test_denoised_light_is_compared_with_a_reference() -> None:
 
 
 @pytest.mark.exhaustive
-def test_every_figure_of_a_data_sheet_comes_back_from_our_frames() -> None:
-    """Within 5 standard errors of 64 × 64 pixels, 24 levels of two frames and 32 at half of the saturation."""
-    arguments = "--simulators mitsuba_sensor --levels 24 --side 64 --turns 1"
-    sheets = run("simulators.py", *arguments.split())["sheets"]
-    assert set(sheets) == {"industrial CMOS", "scientific CCD", "mobile sensor"}
-    for name, found in sheets.items():
-        figures = found["mitsuba_sensor"]["figures"]["our lab"]
-        true = found["sheet"]
-        for figure, within in {"K": 0.03, "QE": 0.03, "σ_d": 0.05, "PRNU": 0.06}.items():
-            assert figures[figure] == pytest.approx(true[figure], rel=within), (name, figure)
-        assert figures["DSNU"] == pytest.approx(true["DSNU"], rel=0.1)
-        assert figures["dark current"] == pytest.approx(true["dark current"], rel=0.1)
-        assert 0.9 < figures["saturation"] / true["saturation"] < 1
-        assert figures["LE"] < 0.05
+def test_every_simulator_has_a_run_time_and_an_error() -> None:
+    found = run("simulators.py", "--turns", "1")["simulators"]
+    assert len(found) >= 3
+    for name, one in found.items():
+        assert_positive({name: one})
+        assert one["error_dn"] < 0.02 or not name.startswith("this package"), name
+
+
+def test_every_mutation_is_of_a_text_that_the_package_has_once() -> None:
+    package = Path(mitsuba_sensor.__file__).parent
+    assert len(mutations.MUTATIONS) >= 40
+    assert not [x for x in mutations.MUTATIONS if mutations.place_of(x, package) is None]
 
 
 @pytest.mark.exhaustive

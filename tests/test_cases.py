@@ -134,7 +134,7 @@ def apertures_of_a_zemax_design() -> None:
 
     plain = light("plain.zmx", 5.0)
     assert light("obsc3.zmx", 5.0) == pytest.approx(0.64 * plain, rel=0.005)
-    with pytest.raises(ms.InputError, match=r"opens to f/8\.32 at most"):
+    with pytest.raises(ms.InputError, match=r"at least 8\.32"):
         light("clap3.zmx", 5.0)
     assert light("clap3.zmx", 8.32) == pytest.approx(0.36 * plain, rel=0.005)
 

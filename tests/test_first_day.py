@@ -79,14 +79,12 @@ def test_a_named_camera_is_that_camera_everywhere_and_tells_what_the_scene_had(
     found["expose -"] = json.loads(cli(*argv).stdout)
     for how, report in found.items():
         assert report["K_dn_per_e"] == camera.system_gain_dn_per_e, how
-        told = [
-            n for n in report["notes"] if n.startswith("not used of the scene: adc.full_sc")
-        ]
+        told = [n for n in report["notes"] if n.startswith("ignored the scene's adc.full_sc")]
         assert len(told) == 1, (how, report["notes"])
     assert own.frames.camera.system_gain_dn_per_e > 30 * camera.system_gain_dn_per_e
     asked = ms.capture(light, camera.replace(**changed))
     for one in (own, ms.capture(light), asked):
-        assert not any("not used of the scene" in note for note in one.frames.notes)
+        assert not any("ignored the scene's" in note for note in one.frames.notes)
 
 
 def test_a_named_camera_leaves_view_exposure_and_seeds_to_the_scene() -> None:

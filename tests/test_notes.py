@@ -100,7 +100,7 @@ def test_terminal_file_notebook_and_python_show_the_same_sentences(
     [
         (
             lambda: ms.expose(np.full((2, 1901), 9.0), TABLE1, EXPOSURE),
-            "1901 × 2 pixels, and konnik_table1 has 1900",
+            "1901 × 2 pixels, but konnik_table1 has 1900",
         ),
         (
             lambda: ms.expose(FIVE, TABLE1, EXPOSURE, wavelengths_nm=[1200.0]),

@@ -11,7 +11,9 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,7 +44,7 @@ EXAMPLES = [path if path.stem in QUICK else exhaustive(path) for path in RUN]
 
 SHELL = lines(fenced(README, "sh"))
 INLINE = re.findall(r"`(mitsuba-sensor [^`]+)`", README)
-SMALLER = {"render night_crossing": " --width 64"}
+SMALLER = {"render night_crossing": " --width 64", "render scenes/first_frame": " --width 96"}
 """What is added to a command that takes a minute, by how it begins."""
 
 
@@ -53,7 +55,7 @@ def made_small(command: str) -> str:
     return command
 
 
-COMMANDS = [FIRST] + [made_small(line) for line in INLINE if " study " not in line]
+COMMANDS = [made_small(line) for line in (FIRST, *INLINE) if " study " not in line]
 """Studies take minutes, and have tests of their own."""
 
 
@@ -96,14 +98,13 @@ class Checkout:
         self.ran.add(command)
         return done.stdout
 
-    def run_after_what_it_reads(self, command: str) -> str:
-        """The same, after the first command that writes a file that this one reads."""
+    def run_what_is_read_by(self, command: str) -> None:
+        """Run the commands that write a file that this one reads."""
         for earlier in COMMANDS[: COMMANDS.index(command)]:
             if earlier not in self.ran and written_by(earlier) in command.replace(
                 f"-o {written_by(command)}", ""
             ):
                 self.run(earlier)
-        return self.run(command)
 
 
 @pytest.fixture(scope="module")
@@ -116,13 +117,16 @@ def test_two_commands_do_all_the_set_up() -> None:
     assert "pip install '.[test]' && pytest" in SHELL
 
 
-def test_the_first_command_makes_the_picture_of_the_readme(checkout: Checkout) -> None:
-    """In colour, metered, neither black nor saturated; what grain it has is the camera's."""
-    checkout.run(FIRST)
+@pytest.mark.parametrize("columns", [96, exhaustive(384)])
+def test_the_first_command_makes_the_picture_of_the_readme(
+    columns: int, checkout: Checkout
+) -> None:
+    """In colour, metered, neither black nor saturated; its visible noise is the camera's."""
+    checkout.run(COMMANDS[0] if columns < 384 else FIRST)
     out = checkout.folder / "out"
     raw = tifffile.imread(out / "frame.tiff")
     report = json.loads((out / "frame.json").read_text(encoding="utf-8"))
-    assert raw.shape == (256, 384) and raw.dtype == np.uint16
+    assert raw.shape == (columns * 2 // 3, columns) and raw.dtype == np.uint16
     assert {path.name for path in out.iterdir() if path.is_file()} == {
         "frame.tiff",
         "frame.png",
@@ -132,32 +136,39 @@ def test_the_first_command_makes_the_picture_of_the_readme(checkout: Checkout) -
     assert np.mean(raw == 2 ** report["camera"]["adc"]["bits"] - 1) < 0.05
     metering = report["origin"]["metering"]
     assert (metering["percentile"], metering["share_of_saturation"]) == (95, 0.7)
-    if report["render"]["variant"].startswith(
-        "llvm"
-    ):  # the light of scalar variants is denoised without guides
-        assert (
-            report["render_noise"]["share_of_variance_median"] < 0.15
-            and len(report["notes"]) <= 1
+    # The light of scalar variants is denoised without guides, and few pixels leave the denoiser more noise.
+    if report["render"]["variant"].startswith("llvm"):
+        assert len(report["notes"]) <= 1
+        assert report["render_noise"]["share_of_variance_median"] < (
+            0.15 if columns == 384 else 0.6
         )
     shown, own = (
-        np.asarray(Image.open(path))
+        np.asarray(Image.open(path).resize((96, 64), Image.Resampling.BOX))
         for path in (ROOT / "docs/images/first_frame.png", out / "frame.png")
     )
-    assert (
-        np.corrcoef(shown.ravel(), own.ravel())[0, 1] > 0.9
-    )  # 0.96 where another time was metered: other noise
+    assert np.corrcoef(shown.ravel(), own.ravel())[0, 1] > 0.9
 
 
 @pytest.mark.parametrize(
     "command", LATER, ids=lambda line: " ".join(shlex.split(line, comments=True)[1:5])
 )
-def test_a_command_of_the_readme_runs(command: str, checkout: Checkout) -> None:
-    checkout.run_after_what_it_reads(command)
+def test_a_command_of_the_readme_runs(
+    command: str, checkout: Checkout, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checkout.run_what_is_read_by(command)
+    monkeypatch.chdir(checkout.folder)
+    program, *arguments = shlex.split(command, comments=True)
+    done = cli(*arguments)
+    assert program == "mitsuba-sensor" and done.exit_code == 0, done.stderr
 
 
-def test_the_python_of_the_readme_runs(checkout: Checkout) -> None:
+def test_the_python_of_the_readme_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Its noise budget is of a frame that is not clipped: no stage takes noise away, and all that is added remains."""
-    printed = checkout.run(shlex.join([sys.executable, "-c", fenced(README, "python")]))
+    monkeypatch.chdir(tmp_path)
+    exec(fenced(README, "python"), {})
+    printed = capsys.readouterr().out
     fractions = re.findall(r"^(.+?) {2,}.* <?(-?[\d.]+)$", printed, flags=re.MULTILINE)
     found = {source: float(percent) for source, percent in fractions}
     assert found["photon shot noise"] > 10 and min(found.values()) >= 0
@@ -196,8 +207,8 @@ def test_an_example_writes_where_it_is_told_and_nowhere_else(
     example: Path, checkout: Checkout
 ) -> None:
     arguments = SMALL.get(example.stem, [])
-    if "out/irradiance.exr" in arguments and FIRST not in checkout.ran:
-        checkout.run(FIRST)
+    if "out/irradiance.exr" in arguments and COMMANDS[0] not in checkout.ran:
+        checkout.run(COMMANDS[0])
     before = {*checkout.folder.rglob("*")}
     told = checkout.folder / "examples_out" / example.stem
     told.parent.mkdir(exist_ok=True)

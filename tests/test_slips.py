@@ -61,8 +61,8 @@ WRONG = {
     "ms.expose('light.exr', camera, exposure)": "read the file first",
     "ms.capture(ones, camera, exposure)": "an array of shape (4, 4)",
     # words of one's own
-    "ms.expose(ones, camera, exposure_s=0.1)": "pass exposure=Exposure(time_s=0.1",
-    "ms.expose(ones, camera, integration_time=2)": "pass exposure=Exposure(",
+    "ms.expose(ones, camera, exposure_s=0.1)": "Pass exposure=Exposure(time_s=0.1",
+    "ms.expose(ones, camera, integration_time=2)": "Pass exposure=Exposure(",
     "ms.expose(ones, camera, iso=800)": "gain",
     "ms.expose(ones, camera, n_frames=3)": "frames",
     "ms.expose(ones, camera, tolerance_db=3)": "Did you mean 'tolerance_dn'",
@@ -80,12 +80,12 @@ WRONG = {
     "ms.expose(ones, 'scmos_dual_gain', exposure, keep='volts')": "scmos_dual_gain combines",
     "ms.expose(ones, camera, exposure, maps={'prnu': [['1.0'] * 4] * 4})": "not numeric",
     "ms.expose(ones, camera, exposure, maps={'prnu': ones * 1j})": "complex",
-    "ms.expose(ones, camera, exposure, maps={'prnu': [[1.0], [1.0, 2.0]]})": "ragged",
+    "ms.expose(ones, camera, exposure, maps={'prnu': [[1.0], [1.0, 2.0]]})": "rows of different lengths",
     "ms.expose(ones, camera, exposure, maps={3: ones})": "maps names 3",
     "ms.expose(ones, camera, exposure, plan='fast')": "pass what plan",
     "ms.expose(ones, camera, exposure, wavelengths_nm='green')": "numbers in nm",
     "ms.expose(ones, camera, exposure, wavelengths_nm=[np.inf])": "wavelengths_nm is inf",
-    "ms.expose([[1.0, 2.0], [3.0]], camera, exposure)": "photons is ragged",
+    "ms.expose([[1.0, 2.0], [3.0]], camera, exposure)": "photons has rows",
     "ms.expose({'mean': 1000}, camera, exposure)": "photons is not numeric",
     # pictures
     "ms.expose(np.ones((3, 20, 30)), camera, exposure)": "ms.light_from_rgb",
@@ -122,8 +122,8 @@ WRONG = {
             "ms.lab.Stack(ones[None], yes)",
         )
     },
-    "ms.expose(ones, camera, exposure, maps={'prnu': ones == 1})": "bool",
-    "camera.qe([True])": "bool",
+    "ms.expose(ones, camera, exposure, maps={'prnu': ones == 1})": "Boolean",
+    "camera.qe([True])": "Boolean",
 }
 
 

@@ -1,6 +1,5 @@
-"""Where laboratory and simulator meet: pages of the commands ``characterize`` and ``fit``.
+"""Pages that connect laboratory and simulator, for the commands ``characterize``, ``fit`` and ``sheet``.
 
-virtual_bench : the frames that a laboratory takes, of a simulated camera; rendered_field : in light that is rendered.
-figures_page : figures of a camera beside its datasheet (datasheet).  twin_page : frames of a twin
-beside frames that its fit did not see.
+virtual_bench : frames of a simulated camera in the laboratory.  figures_page : figures next to their datasheet.
+twin_page : frames of a twin next to frames that its fit did not use.  sheet : charts and their theory.
 """

@@ -1,50 +1,36 @@
-"""A camera in the laboratory: every figure with its interval, beside the datasheet's if there is one, and plots."""
+"""A camera in the laboratory: its figures with intervals, next to the datasheet's figures if known, and plots."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 from ..lab.frames.bench import Bench
 from ..lab.measure.measurement import INSTRUMENTS, Measurement, measure_bench
-from ..lab.quantity import TWO_SIDED, Quantity
+from ..lab.quantity import IN_DECIBELS, TWO_SIDED, Quantity
 from ..lab.statistics.estimators import z_limit
-from ..pages.page import Drawing, MarkedRow, Part, Section, Study, study_of, table
-from .datasheet import Said
+from ..pages.page import Drawing, Mark, MarkedRow, Part, Section, Study, study_of, table
+from .datasheet import Datasheet, Said, of_filter
 
-MAIN = (
-    "K",
-    "η",
-    "LE",
-    "σ_d",
-    "µ_e.sat",
-    "SNR_max",
-    "DR",
-    "PRNU1288",
-    "DSNU1288",
-    "σ_row",
-    "σ_col",
-    "µ_I.mean",
-    "T_d",
-)
-RATIOS_IN_DB, DECIBELS = ("SNR_max", "DR"), "dB"
+MAIN = ("K", "η", "LE", "σ_d", "µ_e.sat", "SNR_max", "DR", "PRNU1288", "DSNU1288")
+MAIN += ("σ_row", "σ_col", "µ_I.mean", "T_d")
 ROOTS = "σ_", "DSNU", "PRNU"
-"""Figures that are roots of variances: beginnings of their symbols."""
-DIGITS_OF_INTERVAL, MOST_DECIMALS = 2, 6
+"""Beginnings of the symbols of figures that are roots of variances."""
+INTERVAL_DIGITS, DECIMALS_MAX = 2, 6
 MAIN_HEADINGS = "figure | measured | 95 % from | to | unit | datasheet"
-HEADINGS = "symbol | figure | measured | 95 % from | to | unit | datasheet | z | one chip from | to | section | note"
-OF_TABLE = (
-    "z: distance from the datasheet in standard errors; one chip from, to: where the figure of a single chip of this "
-    "datasheet lies as it is measured here, where that is not the datasheet's value alone. A figure fails if it is "
-    "farther from that range than chance allows for so many figures"
+HEADINGS = "symbol | figure | measured | 95 % from | to | unit | datasheet | z | one unit from | to | section | note"
+TABLE_NOTE = (
+    "z: distance from the datasheet in standard errors. One unit from, to: range of this figure among single sensor "
+    "units, if the datasheet has one. A figure fails if it is farther from that range than chance allows for this "
+    "many figures; limits (< and >) are not judged."
 )
-"""Below the table of all figures."""
 
 
 def figures_of(
     bench: Bench, progress: Callable[[int, int, str], None]
 ) -> tuple[Measurement, ...]:
-    """What all instruments find in the frames of a bench; told the instruments done, all of them, and the next one."""
+    """Measure a bench with all instruments; progress gets the number done, the total and the next instrument."""
     begun, total = 0, len(bench.of_filters()) * len(INSTRUMENTS)
 
     def begins(title: str) -> None:
@@ -58,50 +44,39 @@ def figures_of(
 def characterized(
     name: str,
     measured: Sequence[Measurement],
-    datasheet: Mapping[str, Mapping[str, Said]],
+    datasheet: Datasheet,
     **about: object,
 ) -> Study:
-    """The study of one camera.
+    """Return the study of one camera.
 
-    datasheet : by name of the filter and symbol; empty for a camera of which only frames are known.
-    about : what the page and report.json say beside the figures.
+    datasheet : empty if only frames are known.
+    about : further facts for the page and report.json.
     """
-    compared = 0
+    sheets = [of_filter(datasheet, part.filter_name) for part in measured]
+    parts = list(zip(measured, sheets, strict=True))
+    limit = z_limit(sum(symbol in sheet for part, sheet in parts for symbol in part.figures))
     figures = {}
-    for part in measured:
-        said = datasheet.get(part.filter_name, {})
-        compared += sum(figure.symbol in said for figure in part.figures.values())
-        figures[part.filter_name or "all pixels"] = {
-            "figures": [
-                {**figure.to_dict(), **beside_datasheet(figure, said)}
-                for figure in part.figures.values()
-            ],
-            "notes": part.notes,
-            "refused": part.refused,
-        }
-    limit = z_limit(compared)
-    sections = [
-        filter_section(part, datasheet.get(part.filter_name, {}), limit) for part in measured
-    ]
-    return study_of(
-        "characterize",
-        f"EMVA 1288 figures of {name}",
-        sections,
-        measured=figures,
-        z_limit=limit,
-        **about,
-    )
+    for part, sheet in parts:
+        rows = [
+            {**figure.to_dict(), **beside_datasheet(figure, sheet)}
+            for figure in part.figures.values()
+        ]
+        remarks = {"notes": part.notes, "refused": part.refused}
+        figures[part.filter_name or "all pixels"] = {"figures": rows, **remarks}
+    sections = [filter_section(part, sheet, limit) for part, sheet in parts]
+    data = {"measured": figures, "z_limit": limit, **about}
+    return study_of("characterize", f"EMVA 1288 figures of {name}", sections, **data)
 
 
 def filter_section(
     measured: Measurement, datasheet: Mapping[str, Said], limit: float
 ) -> Section:
-    """Figures behind one filter: those that are compared with the datasheet must be its own, none may be hidden."""
+    """Return the figures under one filter; passed if all agree with the datasheet and no frame is clipped."""
     where = f", {measured.filter_name} pixels" if measured.filter_name else ""
     rows, wrong, compared = list[MarkedRow](), list[Quantity](), 0
     for figure in measured.figures.values():
         row = figure_row(figure, datasheet, limit)
-        rows += [row, *_in_decibels(row)]
+        rows += [row, *_in_decibels(figure, datasheet, limit, row[0])]
         compared += row[0] != ""
         wrong += [figure] if row[0] == "bad" else []
     findings = []
@@ -110,99 +85,93 @@ def filter_section(
             f"{compared - len(wrong)} of {compared} figures{where} agree with the datasheet within {limit:.1f} "
             "standard errors"
         )
-    for one in wrong:
-        said = f"measured {one.value:.4g}, datasheet {datasheet[one.symbol].value:.4g}"
-        findings.append(f"{one.symbol}{where}: {said} {one.unit}".rstrip())
+    for figure in wrong:
+        values = f"measured {figure.value:.4g}, datasheet {datasheet[figure.symbol].value:.4g}"
+        findings.append(f"{figure.symbol}{where}: {values} {figure.unit}".rstrip())
     if measured.hidden:
         findings.append(
-            f"not measured{where}, because pixels of the frames are at the lowest or highest code: "
-            f"{', '.join(measured.hidden)}"
+            f"not measured{where}, because pixels are at the lowest or highest code: {', '.join(measured.hidden)}"
         )
     refused = measured.refused.items()
     findings += [f"not measured{where}: {title}: {sentence}" for title, sentence in refused]
     findings += [f"{where[2:]}: {note}" if where else note for note in measured.notes]
-    shown = [(mark, with_digits(cells)) for mark, cells in rows]
     main = [
         (mark, (f"{cells[0]} {cells[1]}", *cells[2:7]))
-        for mark, cells in shown
+        for mark, cells in rows
         if cells[0] in MAIN
     ]
     parts: tuple[Part, ...] = (
         table(f"Main figures{where}", MAIN_HEADINGS, main),
         *(Drawing(f"{name}{where}", draw) for name, draw in measured.drawings.items()),
-        table(f"All figures{where}", HEADINGS, shown, OF_TABLE),
+        table(f"All figures{where}", HEADINGS, rows, TABLE_NOTE, terminal=""),
     )
-    failed = [f"{one.symbol}{where}" for one in wrong]
+    failed = [f"{figure.symbol}{where}" for figure in wrong]
     failed += [f"clipped frames{where}"] if measured.hidden else []
     missing = tuple(f"{title}{where}" for title in measured.refused)
     return Section(tuple(findings), not failed, parts, failed=tuple(failed), missing=missing)
 
 
 def figure_row(figure: Quantity, datasheet: Mapping[str, Said], limit: float) -> MarkedRow:
-    """A figure with its interval beside the datasheet's, marked where both are compared."""
+    """Return a figure with its interval and the datasheet's value, marked if both are compared."""
     beside = beside_datasheet(figure, datasheet)
-    interval = [
-        x if math.isfinite(x) else None for x in (figure.value, figure.low, figure.high)
-    ]
     said = [beside.get("datasheet"), beside.get("z"), None, None]
     if beside and beside["chip_low"] < beside["chip_high"]:
         said[2:] = beside["chip_low"], beside["chip_high"]
-    cells = (
-        figure.symbol,
-        figure.name,
-        *interval,
-        figure.unit,
-        *said,
-        figure.section,
-        figure.note,
-    )
-    if not beside or not math.isfinite(figure.value):
+    numbers = with_digits(figure, beside.get("datasheet"))
+    names, rest = (figure.symbol, figure.name), (*said[1:], figure.section, figure.note)
+    cells = (*names, *numbers[:3], figure.unit, numbers[3], *rest)
+    if not beside or not has_interval(figure):
         return "", cells
     return ("good" if abs(beside["z_of_chip"]) < limit else "bad"), cells
 
 
-def _in_decibels(row: MarkedRow) -> Iterator[MarkedRow]:
-    """The row of a ratio once more as EMVA 1288 R4 prints it too, 20·log10 of it [dB]; of other figures nothing."""
-    mark, (symbol, name, value, low, high, _, said, *rest) = row
-    if symbol in RATIOS_IN_DB:
-        numbers = [_decibels(ratio) for ratio in (value, low, high)]
-        z, low, high, *last = rest
-        chip = _decibels(low), _decibels(high)
-        yield mark, (symbol, name, *numbers, DECIBELS, _decibels(said), z, *chip, *last)
+def has_interval(figure: Quantity) -> bool:
+    """Return True for a value with both ends of its interval; a limit has only one."""
+    return all(map(math.isfinite, (figure.value, figure.low, figure.high)))
 
 
-def with_digits(cells: Sequence[object]) -> tuple[object, ...]:
-    """The cells of a row with as many decimals as give half the width of its interval two digits."""
-    symbol, name, value, low, high, unit, said, *rest = cells
-    if not (isinstance(low, float) and isinstance(high, float) and high > low):
-        return tuple(cells)
-    decimals = DIGITS_OF_INTERVAL - 1 - math.floor(math.log10((high - low) / 2))
-    if decimals > MOST_DECIMALS:
-        return tuple(cells)
-    numbers = (_decimal(number, max(decimals, 0)) for number in (value, low, high, said))
-    value, low, high, said = numbers
-    return symbol, name, value, low, high, unit, said, *rest
+def with_digits(figure: Quantity, said: float | None) -> list[object]:
+    """Return value, low, high and the datasheet's value; half the width of the interval has two digits.
+
+    A limit is shown as ``< 3.2`` or ``> 3.2``.
+    """
+    if figure.is_bound:
+        return [f"< {figure.high:.4g}", None, None, said]
+    if math.isinf(figure.high) and math.isfinite(figure.value):
+        return [f"> {figure.value:.4g}", None, None, said]
+    if not has_interval(figure):
+        return [None, None, None, said]
+    numbers: list[Any] = [figure.value, figure.low, figure.high, said]
+    if figure.high > figure.low:
+        half_width = (figure.high - figure.low) / 2
+        decimals = max(INTERVAL_DIGITS - 1 - math.floor(math.log10(half_width)), 0)
+        if decimals <= DECIMALS_MAX:
+            return [None if x is None else f"{x:.{decimals}f}" for x in numbers]
+    return numbers
 
 
-def _decimal(number: object, decimals: int) -> object:
-    """A number as text; what is none as it is."""
-    if not isinstance(number, float):
-        return number
-    return f"{number:.{decimals}f}"
+def _in_decibels(
+    figure: Quantity, datasheet: Mapping[str, Said], limit: float, mark: Mark
+) -> Iterator[MarkedRow]:
+    """Return the row of a ratio once more as 20·log10 of it [dB], as EMVA 1288 R4 also prints it."""
+    if figure.symbol in IN_DECIBELS and not figure.unit and figure.low > 0:
+        said = datasheet.get(figure.symbol)
+        sheet = {}
+        if said is not None and said.low > 0:
+            sheet[figure.symbol] = Said(*map(_decibels, said))
+        _, cells = figure_row(figure.mapped(_decibels, unit="dB"), sheet, limit)
+        yield mark, cells
 
 
-def _decibels(ratio: object) -> float | None:
-    """20·log10 of a ratio [dB]; none of none and of zero."""
-    if not isinstance(ratio, float) or ratio <= 0:
-        return None
+def _decibels(ratio: float) -> float:
     return 20 * math.log10(ratio)
 
 
 def beside_datasheet(figure: Quantity, datasheet: Mapping[str, Said]) -> dict[str, float]:
-    """What stands beside a figure that the datasheet has.
+    """Return the datasheet's value of a figure and distances from it; empty if the datasheet does not have the figure.
 
-    datasheet, z : its value, and how far the measured one is from it, in standard errors of the figure.
-    chip_low, chip_high, z_of_chip : the range of single chips, and how far the measured value is outside of it.
+    datasheet, z : its value, and the measured value's distance from it in standard errors.
+    chip_low, chip_high, z_of_chip : the range of single sensor units, and the distance from that range.
     """
     if figure.symbol not in datasheet:
         return {}
@@ -218,15 +187,14 @@ def beside_datasheet(figure: Quantity, datasheet: Mapping[str, Said]) -> dict[st
 
 
 def _distance(figure: Quantity, value: float) -> float:
-    """How far a figure is above a value, in standard errors: those of the side of its interval that is nearer."""
+    """Return a figure minus a value in standard errors of the nearer side of its interval."""
+    half_width = figure.value - figure.low
     if value > figure.value:
         half_width = figure.high - figure.value
-    else:
-        half_width = figure.value - figure.low
     if half_width > 0:
         standard_errors = TWO_SIDED * (figure.value - value) / half_width
         if value == 0 and figure.symbol.startswith(ROOTS):
-            # The square of a standard deviation that is 0 has a normal law, the standard deviation has none.
+            # The square of a standard deviation of 0 is normally distributed, the standard deviation is not.
             return standard_errors * figure.value / (figure.value + figure.low)
         return standard_errors
     if figure.low <= value <= figure.high:

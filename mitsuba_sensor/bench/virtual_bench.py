@@ -1,9 +1,9 @@
-"""A virtual test bench: the bias, dark, flat-field and gradient frames of a camera that a laboratory takes."""
+"""A virtual test bench: the bias, dark, flat-field and gradient frames that a laboratory takes of a camera."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,16 +15,16 @@ from ..core import Exposure, InputError
 from ..expose import Sensor
 from ..lab.frames.bench import Bench
 from ..lab.frames.stack import Stack
+from ..optics.f_number_law import transmittance
+from ..render.light.photons import collect
+from ..render.passes.prepared import render
 from ..stages.effects.dark_current import mean_dark_e
-from .rendered_field import Field, field_at
 
 Array = NDArray[np.float64]
-MOST_SIDE = 1024
-"""Side of the part of a larger sensor that is measured: 1 Mpx, whose standard deviations are within 0.1 %."""
-
+SIDE_MAX_PX = 1024
+"""Largest measured side of a sensor: 1 Mpx give standard deviations within 0.1 %."""
 FLAT_S = 0.01
 """Exposure time of the flat fields; the light varies (EMVA 1288 R4 5.3, method with constant exposure time)."""
-
 LEVELS = (
     0.005,
     0.01,
@@ -38,42 +38,51 @@ LEVELS = (
     1.06,
     1.12,
 )
-"""Of the flat fields, over saturation."""
-
-MANY, SOME, FEW = 32, 8, 4
-"""Frames of the stacks whose pixels are looked at, of dark times and temperatures, of the other levels."""
-
+"""Light of the flat fields over saturation."""
+PIXEL_FRAMES, DARK_FRAMES, LEVEL_FRAMES = 32, 8, 4
+"""Frames of stacks whose single pixels are measured, of each dark exposure time, and of every other stack."""
 GRADIENT_FRAMES, GRADIENT_ROWS = 64, 256
-"""Of the paper's photon transfer curve: 64 frames of a gradient (Konnik & Welsh 2014, section 4.2)."""
+"""Frames of a gradient for the paper's photon transfer curve (Konnik & Welsh 2014, section 4.2)."""
+DARK_SHARE, DARK_MAX_S = 0.1, 600.0
+"""The longest dark exposure fills this fraction of the well, but lasts no longer than the paper's dark frames [s]."""
+DARK_TIMES, DARK_STEPS_K = (0.1, 0.25, 0.5, 0.75, 1.0), (-15.0, -7.5, 7.5)
+"""Dark exposure times over the longest one, and further temperatures relative to the first one [K]."""
+QE_MIN = 0.02
+"""Filters with a smaller fraction of the highest QE are not brought to saturation."""
+RADIANCE = 1e-3
+"""Rendered radiance L at all wavelengths [W m⁻² sr⁻¹ nm⁻¹]."""
+FILM_PX, FILM_SPP = 64, 64
+"""Side of the rendered film and its samples: the mean has a render noise of 2e-4 if one sample has 0.1."""
 
-DARK_SHARE, LONGEST_S = 0.1, 600.0
-"""The longest dark exposure fills this share of the well, unless it takes longer than the paper's dark frames [s]."""
 
-DARK_TIMES, WARMER_K = (0.1, 0.25, 0.5, 0.75, 1.0), (-15.0, -7.5, 7.5)
-"""Of the longest dark exposure; and temperatures beside the first one."""
+class Field(NamedTuple):
+    """The light of a bench.
 
+    shares : photons that arrive in each band over all photons that the laboratory computes, (B,).
+    wavelengths_nm : centres of the bands, (B,).  efficiency : QE of each colour filter for this light, (F,).
+    """
 
-BLIND = 0.02
-"""Of the QE of the filter that sees most: what sees less is not brought to saturation."""
+    shares: Array
+    wavelengths_nm: Array
+    efficiency: Array
 
 
 class Setup(NamedTuple):
-    """How the bench is used.
+    """Settings of a bench.
 
-    temperature_k : of the sensor [K].  wavelength_nm : of the light; None: where the camera sees best.
-    serial, seed : of the chip and of all temporal noise.
-    side : rows and columns in the middle of a larger sensor that are measured.
+    temperature_k : sensor temperature [K].  wavelength_nm : of the light; None for the wavelength of highest QE.
+    serial, seed : of the sensor unit and of all temporal noise.
+    side : rows and columns measured in the middle of a larger sensor.
     """
 
     temperature_k: float = 298.15
     wavelength_nm: float | None = None
     serial: int = 1
     seed: int = 1
-    side: int = MOST_SIDE
+    side: int = SIDE_MAX_PX
 
 
-@dataclass(frozen=True)
-class Shot:
+class Shot(NamedTuple):
     """One stack to take: mean photons per pixel (a number or (H, W)), exposure time [s], temperature [K], frames."""
 
     kind: str
@@ -83,37 +92,60 @@ class Shot:
     frames: int
 
 
+def field_at(camera: Camera, wavelength_nm: float) -> Field:
+    """Return exactly known light of one wavelength."""
+    return Field(np.ones(1), np.array([wavelength_nm]), camera.qe([wavelength_nm])[:, 0])
+
+
+def rendered_field(camera: Camera) -> Field:
+    """Render a flat spectrum through a telecentric lens; shares are relative to E = πLT/(4N²).
+
+    The mean over a small film stands for the sensor: the light is uniform, and each pixel has its own render noise.
+    """
+    film = {"type": "specfilm", "width": FILM_PX, "height": FILM_PX, "rfilter": {"type": "box"}}
+    scene = {
+        "type": "scene",
+        "integrator": {"type": "path"},
+        "sensor": {"type": "orthographic", "film": film, "sampler": {"type": "multijitter"}},
+        "emitter": {"type": "constant", "radiance": {"type": "uniform", "value": RADIANCE}},
+    }
+    second = Exposure(1.0)
+    light = render(scene, camera, second, spp=FILM_SPP, denoise=False)
+    photons = collect(light, camera, second)
+    mean = np.asarray(photons.mean, np.float64).mean(axis=(0, 1))
+    centres, widths = np.asarray(photons.wavelengths_nm), photons.bandwidths_nm
+    even = math.pi * RADIANCE * transmittance(camera, centres) / (4 * camera.lens.f_number**2)
+    bands = {"wavelengths_nm": centres, "bandwidths_nm": widths}
+    computed = collect(even[None, None], camera, second, **bands).total[0, 0]
+    return Field(mean / computed, centres, camera.qe(centres, widths) @ (mean / mean.sum()))
+
+
 def virtual_bench(
     camera: Camera,
     setup: Setup,
     field: Field | None = None,
-    report: Callable[[int, int], None] | None = None,
+    report: Callable[[int, int], None] = lambda done, total: None,
 ) -> Bench:
-    """All stacks of this camera.
+    """Take all stacks of a camera.
 
-    Of a sensor with more pixels than that of the setup its middle.
-    field : of light that was rendered; without it the light is exact.
-    report : called with the stacks that are taken, and all of them.
-    Raises InputError for a camera that sees nothing at the wavelength.
+    field : the light; exactly known light of the wavelength if omitted.
+    report : called with the number of stacks taken and their total.
+    Raises InputError for a camera that does not detect the wavelength.
     """
     refuse_readouts(camera, "the bench measures one of them")
-    wavelength_nm = (
-        best_wavelength_nm(camera) if setup.wavelength_nm is None else setup.wavelength_nm
-    )
-    light = field_at(camera, wavelength_nm) if field is None else field
+    wavelength_nm = setup.wavelength_nm or best_wavelength_nm(camera)
+    light = field or field_at(camera, wavelength_nm)
     shots = list(_shots(camera, setup, light))
-    sensor, taken = Sensor(camera, serial=setup.serial), dict[str, list[Stack]]()
+    sensor = Sensor(camera, serial=setup.serial)
+    stacks: dict[str, list[Stack]] = {"bias": [], "dark": [], "flat": [], "scene": []}
     for number, shot in enumerate(shots, start=1):
-        stack = _taken(sensor, shot, setup, setup.seed + number, light)
-        taken.setdefault(shot.kind, []).append(stack)
-        if report is not None:
-            report(number, len(shots))
-    stacks = {kind: tuple(some) for kind, some in taken.items()}
-    return Bench(stacks["bias"], stacks["dark"], stacks["flat"], stacks["scene"], wavelength_nm)
+        stacks[shot.kind].append(_taken(sensor, shot, setup, setup.seed + number, light))
+        report(number, len(shots))
+    return Bench(*map(tuple, stacks.values()), wavelength_nm)  # type: ignore[arg-type]
 
 
 def best_wavelength_nm(camera: Camera) -> float:
-    """The datasheet's own, else where the filter that sees most sees most [nm]."""
+    """Return the datasheet's reference wavelength, else the wavelength of highest QE [nm]."""
     if camera.quantum_efficiency.reference_nm is not None:
         return float(camera.quantum_efficiency.reference_nm)
     points = np.array(camera.quantum_efficiency.wavelengths_nm)
@@ -121,62 +153,53 @@ def best_wavelength_nm(camera: Camera) -> float:
 
 
 def saturating_photons(camera: Camera, light: Field) -> Array:
-    """Mean photons per pixel that fill the well behind each filter, increasing; filters that hardly see it aside."""
+    """Return the mean photons per pixel that fill the well under each filter, ascending.
+
+    Filters that barely detect the light are skipped.
+    """
     qe = light.efficiency
     if not qe.any():
         raise InputError(
-            f"{camera.name} sees nothing at {light.wavelengths_nm[0]:g} nm; give a wavelength from "
+            f"{camera.name} detects no light at {light.wavelengths_nm[0]:g} nm; give a wavelength from "
             f"{camera.band_nm[0]:g} to {camera.band_nm[1]:g} nm."
         )
-    return np.unique(camera.pixel.full_well_e / qe[qe > BLIND * qe.max()])
+    return np.unique(camera.pixel.full_well_e / qe[qe > QE_MIN * qe.max()])
 
 
 def _shots(camera: Camera, setup: Setup, light: Field) -> Iterator[Shot]:
-    kelvin, shape = setup.temperature_k, bench_shape(camera, setup.side)
-    yield Shot("bias", 0.0, 0.0, kelvin, MANY)
-    yield Shot("dark", 0.0, FLAT_S, kelvin, MANY)
+    kelvin, (rows, columns) = setup.temperature_k, bench_shape(camera, setup.side)
+    yield Shot("bias", 0.0, 0.0, kelvin, PIXEL_FRAMES)
+    yield Shot("dark", 0.0, FLAT_S, kelvin, PIXEL_FRAMES)
     wells = saturating_photons(camera, light)
     levels = np.unique(np.round(np.outer(wells, LEVELS), 6))
     halves = {float(levels[np.abs(levels - 0.5 * well).argmin()]) for well in wells}
-    for level in levels:
-        yield Shot(
-            "flat", float(level), FLAT_S, kelvin, MANY if float(level) in halves else FEW
-        )
-    longest_s = _longest_dark_s(camera, kelvin)
+    for level in levels.tolist():
+        frames = PIXEL_FRAMES if level in halves else LEVEL_FRAMES
+        yield Shot("flat", level, FLAT_S, kelvin, frames)
+    rate = float(mean_dark_e(camera, Exposure(1.0, kelvin)))
+    longest_s = DARK_MAX_S
+    if rate > 0:
+        longest_s = min(DARK_SHARE * camera.pixel.full_well_e / rate, DARK_MAX_S)
     for share in DARK_TIMES:
-        yield Shot("dark", 0.0, share * longest_s, kelvin, SOME)
-    for warmer_k in WARMER_K:
+        yield Shot("dark", 0.0, share * longest_s, kelvin, DARK_FRAMES)
+    for step_k in DARK_STEPS_K:
         for share in (DARK_TIMES[0], DARK_TIMES[-1] / 2):
-            yield Shot("dark", 0.0, share * longest_s, kelvin + warmer_k, FEW)
-    ramp = np.linspace(0.0, 1.1 * wells[0], shape[1])
-    yield Shot(
-        "scene",
-        np.broadcast_to(ramp, (min(GRADIENT_ROWS, shape[0]), shape[1])),
-        FLAT_S,
-        kelvin,
-        GRADIENT_FRAMES,
-    )
-
-
-def _longest_dark_s(camera: Camera, temperature_k: float) -> float:
-    rate = float(mean_dark_e(camera, Exposure(1.0, temperature_k)))
-    return (
-        min(DARK_SHARE * camera.pixel.full_well_e / rate, LONGEST_S) if rate > 0 else LONGEST_S
-    )
+            yield Shot("dark", 0.0, share * longest_s, kelvin + step_k, LEVEL_FRAMES)
+    ramp = np.linspace(0.0, 1.1 * wells[0], columns)
+    gradient = np.broadcast_to(ramp, (min(GRADIENT_ROWS, rows), columns))
+    yield Shot("scene", gradient, FLAT_S, kelvin, GRADIENT_FRAMES)
 
 
 def bench_shape(camera: Camera, side: int) -> tuple[int, int]:
-    """Rows and columns that are measured."""
+    """Return the measured rows and columns."""
     return min(camera.sensor.rows, side), min(camera.sensor.columns, side)
 
 
 def _taken(sensor: Sensor, shot: Shot, setup: Setup, seed: int, light: Field) -> Stack:
-    camera = sensor.camera
+    camera, level = sensor.camera, np.asarray(shot.photons, np.float64)
     shape = bench_shape(camera, setup.side)
-    level = np.asarray(shot.photons, np.float64)
-    photons = np.broadcast_to(level, level.shape or shape)[..., None] * light.shares
     frames = sensor.expose(
-        photons,
+        np.broadcast_to(level, level.shape or shape)[..., None] * light.shares,
         Exposure(shot.exposure_s, shot.temperature_k),
         wavelengths_nm=light.wavelengths_nm,
         origin=middle_of_sensor(camera, shape),
@@ -195,19 +218,18 @@ def _taken(sensor: Sensor, shot: Shot, setup: Setup, seed: int, light: Field) ->
 
 
 def mosaic(camera: Camera) -> tuple[tuple[str, ...], ...]:
-    """Names of the colour filters as they lie in frames of this camera; empty where all have one."""
+    """Return the names of the colour filters as a tile; empty for a monochrome camera."""
     if len(camera.filter_names) == 1:
         return ()
     return tuple(tuple(camera.filter_names[number] for number in row) for row in camera.tile)
 
 
 def middle_of_sensor(camera: Camera, shape: tuple[int, int]) -> tuple[int, int]:
-    """First row and column of a window of this shape in the middle, at the beginning of a tile."""
-    rows, columns = shape
-    first = _middle(camera.sensor.rows, rows, len(camera.tile))
-    return first, _middle(camera.sensor.columns, columns, len(camera.tile[0]))
-
-
-def _middle(whole: int, part: int, step: int) -> int:
-    """First pixel of the middle part, at the beginning of a tile."""
-    return (whole - part) // 2 // step * step
+    """Return the first row and column of a window in the middle of the sensor, at the corner of a tile."""
+    sizes = zip((camera.sensor.rows, camera.sensor.columns), shape, strict=True)
+    tile = len(camera.tile), len(camera.tile[0])
+    row, column = (
+        (whole - part) // 2 // step * step
+        for (whole, part), step in zip(sizes, tile, strict=True)
+    )
+    return row, column

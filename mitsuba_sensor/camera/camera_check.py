@@ -28,11 +28,10 @@ PART = re.compile(r"""("[^"]*"|'[^']*'|[^.\s]+)""")
 
 @dataclass(frozen=True)
 class CameraFinding:
-    """One error or warning of a camera file.
+    """An error or warning about a camera file.
 
-    level : a file with an error cannot be loaded, or its lens cannot be traced; a warning is a value that is allowed
-        and probably not meant.
-    field : dotted name, or empty for the whole file.  line : from 1; None for a field that is in no line.
+    level : an error prevents loading the file or tracing its lens; a warning is about an unusual value.
+    field : dotted name; empty for the whole file.  line : from 1; None for a missing field.
     text : value, allowed or usual range, and how to fix it.
     """
 
@@ -47,21 +46,20 @@ class CameraFinding:
         return printable(f"{place}: {self.level}: {self.text}")
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return the finding for JSON."""
         return asdict(self)
 
 
 def check_camera(name: str | Path | Mapping[str, Any]) -> tuple[CameraFinding, ...]:
-    """All errors of a camera file at once, then its warnings; nothing for a file that is right. Renders nothing.
+    """Return all errors of a camera file, then its warnings.
 
     ::
 
         for finding in ms.check_camera("my.toml"):
             print(finding.line, finding.level, finding.text)
 
-    name : path of a camera file, a shipped camera, a text or a dict, as for :func:`load_camera`. Fields of one table
-        are compared with each other once each of them is right by itself.
-    Raises InputError if there is no such file.
+    name : as for :func:`load_camera`. Fields are compared with each other only if each of them is valid.
+    Raises InputError if the file does not exist.
     """
     if isinstance(name, Mapping):
         source, data = CameraText("", "the dict"), plain_tables(name)
@@ -71,7 +69,7 @@ def check_camera(name: str | Path | Mapping[str, Any]) -> tuple[CameraFinding, .
             data = toml_tables(source.text)
         except tomllib.TOMLDecodeError as error:
             line = re.search(r"at line (\d+)", str(error))
-            text = f"not valid TOML: {error}; the rest is checked when this is right."
+            text = f"not valid TOML: {error}; fix this first, then check again."
             return (
                 CameraFinding("error", source.where, int(line[1]) if line else None, "", text),
             )
@@ -84,23 +82,25 @@ def check_camera(name: str | Path | Mapping[str, Any]) -> tuple[CameraFinding, .
     try:
         camera = Camera.model_validate(data, context={"folder": source.folder})
     except ValidationError as error:
-        errors = [finding("error", one.loc, one.text) for one in faults(error, Camera)]
+        errors = [finding("error", fault.loc, fault.text) for fault in faults(error, Camera)]
         notes = doubts(data, Camera)
     else:
         errors = [finding("error", ("lens", "prescription"), x) for x in _lens_faults(camera)]
         notes = [(note.split()[0].rstrip(":"), note) for note in camera.notes]
-    wrong = [f"{one.field}." for one in errors]
+    wrong = [f"{error.field}." for error in errors]
     warnings = [
         finding("warning", tuple(field.split(".")), f"{text}.")
         for field, text in notes
-        if not any(one.startswith(f"{field}.") for one in wrong)
+        if not any(name.startswith(f"{field}.") for name in wrong)
     ]
-    ordered = (sorted(found, key=lambda one: one.line or 0) for found in (errors, warnings))
-    return tuple(one for found in ordered for one in found)
+    return (
+        *sorted(errors, key=lambda error: error.line or 0),
+        *sorted(warnings, key=lambda warning: warning.line or 0),
+    )
 
 
 def _lens_faults(camera: Camera) -> list[str]:
-    """What a render refuses in a prescription: an f-number that it does not open to, a negative focal length."""
+    """Return errors that a render would raise: an f-number beyond the prescription's, a negative focal length."""
     try:
         if camera.lens.prescription is not None:
             cardinal_points(camera.lens)
@@ -110,10 +110,10 @@ def _lens_faults(camera: Camera) -> list[str]:
 
 
 def toml_lines(text: str) -> dict[Loc, int]:
-    """The first line, from 1, of each table and key of a TOML text; inline tables have that of their key."""
+    """Return the first line, from 1, of each table and key of a TOML text; an inline table has the line of its key."""
     lines: dict[Loc, int] = {}
     table: Loc = ()
-    lengths = Counter[Loc]()  # of the lists of tables
+    lengths = Counter[Loc]()  # of lists of tables
     for number, row in enumerate(text.split("\n"), start=1):
         statement = STATEMENT.match(row)
         if statement is None:

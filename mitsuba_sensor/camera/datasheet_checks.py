@@ -1,8 +1,9 @@
-"""Checks of a datasheet across its tables: what a CCD cannot have, and gains whose product is too large."""
+"""Checks across the tables of a datasheet: impossible fields of a CCD, contradictory gains, noise sources."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING
 
 from ..core import InputError, nearest
 from ..stages.chain import ORDER
@@ -10,147 +11,152 @@ from ..stages.datasheet import SensorSection
 from ..stages.diffusion import WIDEST_PX
 from ..stages.gains import full_well_swing_v, gain_dn_per_e, sense_gain_v_per_e
 from ..stages.stage import Datasheet
+from .dual_pixels import wrong_dual_pixels
+from .gain_ladder import wrong_gain
+from .readouts import wrong_readouts
 
-IN_VOLTS = "white_nv_per_rthz", "rtn_uv"
-"""Noise of the source follower in volts, which are so many electrons by the conversion gain."""
+if TYPE_CHECKING:
+    from .camera import Camera
 
-ADD_SENSE_GAIN = (
-    "a voltage, which readout.gain_dn_per_e alone does not make electrons; "
-    "add readout.sense_gain_uv_per_e, e.g. 50"
-)
+VOLT_NOISES = "white_nv_per_rthz", "rtn_uv"
+"""Source follower noise in volts, which the conversion gain refers to electrons."""
 
-WITHOUT_OPTICS = {
-    "diffraction": "set lens.diffraction to false to render without it",
-    "veiling_glare": "set lens.veiling_glare to 0 to render without it",
+ADD_SENSE_GAIN = "is a voltage, so electrons need a conversion gain; add readout.sense_gain_uv_per_e, e.g. 50"
+
+OPTICS_OFF = {
+    "diffraction": "set lens.diffraction to false",
+    "veiling_glare": "set lens.veiling_glare to 0",
 }
+"""Optical effect → how to switch it off."""
 
-LARGEST = 1e30
-"""Of a product of gains: squares of larger ones leave the range of numbers on the way to a variance."""
+GAIN_MAX = 1e30
+"""Largest product of gains: its square stays finite in a variance."""
 
 
 def wrong_technology(camera: Datasheet) -> Iterator[str]:
-    """Sentences where a CCD is given what the amplifiers in every pixel and column of a CMOS sensor make."""
+    """Yield an error if a CCD has noise of CMOS amplifiers in pixels and columns."""
     if camera.sensor.technology != "ccd":
         return
     given, neutral = [], []
     for effect in ORDER:
-        for name, without in effect.fields.cmos_only.items() if effect.fields else ():
+        for name, off in effect.fields.cmos_only.items() if effect.fields else ():
             value = getattr(getattr(camera, effect.table), name)
-            if value is not None and value != without:
+            if value is not None and value != off:
                 given.append(f"{effect.table}.{name} is {value!r}")
-                neutral.append(f"{effect.table}.{name} to {without!r}")
+                neutral.append(f"{effect.table}.{name} to {off!r}")
     if given:
         yield (
-            f"{' and '.join(given)}, and sensor.technology is 'ccd': all pixels of a CCD have one amplifier and true "
-            "CDS, so they have no offsets, gains, reset or telegraph noise of their own; "
+            f"{' and '.join(given)}, but sensor.technology is 'ccd', whose pixels share one amplifier with true CDS; "
             f"set {' and '.join(neutral)}, or sensor.technology to 'cmos'"
         )
 
 
 def wrong_diffusion(camera: Datasheet) -> Iterator[str]:
-    """Sentences where electrons diffuse further than the shares of the neighbours reach."""
+    """Yield an error if electrons diffuse beyond the neighbours that are computed."""
     smaller_um = min(camera.pixel.pitch_x_um, camera.pixel.pitch_y_um)
     widest_um = max(camera.quantum_efficiency.diffusion_um or (0.0,))
     if widest_um > WIDEST_PX * smaller_um:
         yield (
-            f"quantum_efficiency.diffusion_um is up to {widest_um:g}, {widest_um / smaller_um:.3g} pixels of "
-            f"{smaller_um:g} µm; it may be up to {WIDEST_PX:g} pixels, {WIDEST_PX * smaller_um:g}"
+            f"quantum_efficiency.diffusion_um is {widest_um:g}; it must be at most {WIDEST_PX * smaller_um:g} "
+            f"({WIDEST_PX:g} pixels of {smaller_um:g} µm)"
         )
 
 
 def wrong_polarizers(camera: Datasheet) -> Iterator[str]:
-    """Sentences where numbers of the polarisers are not one for each wavelength of the quantum efficiency."""
+    """Yield an error for a polariser curve whose length differs from the wavelengths of the quantum efficiency."""
     points = len(camera.quantum_efficiency.wavelengths_nm)
     for name in ("extinction_ratio", "polarizer_transmission"):
         value = getattr(camera.sensor, name)
         if isinstance(value, tuple) and len(value) != points:
             yield (
                 f"sensor.{name} has {len(value)} values for {points} quantum_efficiency.wavelengths_nm; give one "
-                "number, or one for each of them"
+                "number, or one per wavelength"
             )
 
 
 def wrong_one_gain(camera: Datasheet) -> Iterator[str]:
-    """Sentences where the gain is given twice, and where K alone does not say what the datasheet needs."""
+    """Yield errors if the gain is given twice, or if K alone cannot refer a noise in volts to electrons."""
     readout = camera.readout
     if readout.gain_dn_per_e is None:
         return
     if camera.adc.full_scale_v is not None:
         yield (
             f"readout.gain_dn_per_e is {readout.gain_dn_per_e:g} and adc.full_scale_v is {camera.adc.full_scale_v:g}, "
-            "and each makes the gain; give either readout.gain_dn_per_e or adc.full_scale_v, and not both"
+            "but each sets the gain; give either, and not both"
         )
     if readout.sense_gain_uv_per_e is not None or readout.ve_k1_c is not None:
         return
-    for name in IN_VOLTS:
+    for name in VOLT_NOISES:
         if getattr(camera.source_follower, name):
-            yield (f"source_follower.{name} is {ADD_SENSE_GAIN}")
-    share = readout.ktc_residual
-    if share if share is not None else readout.reset != "true_cds":
-        yield (
-            f"the kTC noise of readout.reset is {ADD_SENSE_GAIN}, or set readout.reset to 'true_cds'"
-        )
+            yield f"source_follower.{name} {ADD_SENSE_GAIN}"
+    residual = readout.ktc_residual
+    if residual if residual is not None else readout.reset != "true_cds":
+        yield f"the kTC noise of readout.reset {ADD_SENSE_GAIN}, or set readout.reset to 'true_cds'"
 
 
 def wrong_gains(camera: Datasheet) -> Iterator[str]:
-    """Sentences where the gains of several tables, each in its range, have a product beyond LARGEST."""
-    well, node_v = (
-        camera.pixel.full_well_e,
-        camera.pixel.full_well_e * sense_gain_v_per_e(camera),
-    )
-    swings = node_v, node_v * camera.source_follower.gain, full_well_swing_v(camera)
-    if max(swings) > LARGEST:
+    """Yield errors if the product of the gains of several tables exceeds GAIN_MAX."""
+    well_e = camera.pixel.full_well_e
+    node_v = well_e * sense_gain_v_per_e(camera)
+    swing_v = max(node_v, node_v * camera.source_follower.gain, full_well_swing_v(camera))
+    if swing_v > GAIN_MAX:
         yield (
-            f"the gains make {max(swings):.3g} V of a full well of {well:g} e-; products of gains are at most "
-            f"{LARGEST:g}: take a smaller readout.sense_gain_uv_per_e, source_follower.gain or readout.cds_gain"
+            f"the gains turn a full well of {well_e:g} e- into {swing_v:.3g} V; it must be at most {GAIN_MAX:g} V: "
+            "reduce readout.sense_gain_uv_per_e, source_follower.gain or readout.cds_gain"
         )
-    if (gain := gain_dn_per_e(camera)) > LARGEST:
+    if (gain := gain_dn_per_e(camera)) > GAIN_MAX:
         yield (
-            f"the gains make {gain:.3g} DN of one electron; products of gains are at most {LARGEST:g}: take smaller "
-            "gains or a larger adc.full_scale_v"
+            f"the overall system gain is {gain:.3g} DN/e-; it must be at most {GAIN_MAX:g}: reduce the gains, or raise "
+            "adc.full_scale_v"
         )
 
 
 def wrong_resets(camera: Datasheet) -> Iterator[str]:
-    """Sentences for partial resets of a well that nobody counts, or whose electrons come in bursts."""
+    """Yield errors for partial resets without counted electrons, or with several electrons per photon."""
     if not camera.pixel.partial_resets:
         return
     if "shot_noise" in camera.sensor.without:
         yield (
-            "pixel.partial_resets is set, and they are part of the shot noise that sensor.without switches off; unset "
-            "one of both"
+            "pixel.partial_resets needs the counted electrons of shot noise, which sensor.without switches off; unset "
+            "either"
         )
     if camera.quantum_efficiency.quantum_yield:
         yield (
-            "pixel.partial_resets is set and quantum_efficiency.quantum_yield too, whose electrons come in bursts "
-            "behind the resets; unset one of both"
+            "pixel.partial_resets and quantum_efficiency.quantum_yield cannot be combined, because the yield acts "
+            "after the resets; unset either"
         )
 
 
+CHECKS: tuple[Callable[[Camera], Iterator[str]], ...] = (
+    *(wrong_technology, wrong_diffusion, wrong_polarizers, wrong_dual_pixels, wrong_one_gain),
+    *(wrong_resets, wrong_readouts, wrong_gains, wrong_gain),
+)
+"""Checks across tables; the first error rejects the datasheet."""
+
+
 def noise_sources() -> tuple[str, ...]:
-    """Keys of the stages that are noise sources, in the order of the chain."""
+    """Return the keys of the stages that are noise sources, in the order of the chain."""
     return tuple(effect.key() for effect in ORDER if not effect.no_noise)
 
 
-def checked_source(name: object, more: Iterable[str] = ()) -> str:
-    """The key of a noise source: ``dsnu_column``, or as a table of stages prints it, ``DSNU column``.
+def checked_source(name: object, added: Iterable[str] = ()) -> str:
+    """Return the key of a noise source, written ``dsnu_column`` or ``DSNU column``; else raise InputError.
 
-    more : keys of stages that the user added.  Raises InputError for any other name.
+    added : keys of the user's stages.
     """
-    known = (*noise_sources(), *more)
+    sources = (*noise_sources(), *added)
     key = str(name).strip().lower().replace(" ", "_").replace("-", "_")
-    if key in known:
+    if key in sources:
         return key
-    remedies = {effect.key(): effect.no_noise for effect in ORDER} | WITHOUT_OPTICS
+    remedies = {effect.key(): effect.no_noise for effect in ORDER} | OPTICS_OFF
+    remedy = nearest(key, sources) or f" The noise sources are {', '.join(sources)}."
     if remedies.get(key):
-        raise InputError(f"without names {name!r}, which is no noise source; {remedies[key]}.")
-    raise InputError(
-        f"without names {name!r}; the noise sources are {', '.join(known)}.{nearest(key, known)}"
-    )
+        remedy = f" Instead, {remedies[key]}."
+    raise InputError(f"without has {name!r}, which is not a noise source.{remedy}")
 
 
 def with_checked_sources(section: SensorSection) -> SensorSection:
-    """The table with the keys of its ``without`` in the order of the chain, each once. Raises InputError."""
+    """Return the table with the keys of its ``without`` in the order of the chain, each once. Raises InputError."""
     off = {checked_source(name) for name in section.without}
     return section.model_copy(
         update={"without": tuple(name for name in noise_sources() if name in off)}

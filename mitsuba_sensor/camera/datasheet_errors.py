@@ -1,6 +1,6 @@
-"""Sentences from a failed check of a camera or motion file: field, value, allowed range, meaning and example.
+"""Errors of camera, motion and dataset files: value, allowed values, example and meaning of each wrong field.
 
-Terms of data sheets and standards say which key is proposed where one is not known.
+Unknown fields get a suggestion, which may come from the terms of datasheets and standards.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from ..stages.usual_range import Usual
 
 Loc: TypeAlias = tuple[str | int, ...]
 
-KEY = "[key]"  # where pydantic's errors name a key of a table instead of its value
-NUMBER_TYPES = ("float_type", "int_type")
+KEY = "[key]"  # in the location of an error about a key, instead of its value
+NUMBER_TYPES, CHOICE_TYPE = ("float_type", "int_type"), "literal_error"
 TEXTS = {
     r"^\w+ should ": "",
     r"valid dictionary.*": "table",
@@ -31,12 +31,13 @@ TEXTS = {
     r"valid (integer|.*fractional part)": "whole number",
     r"valid string": "text in quotes",
     r"valid | after validation.*": "",
+    r"greater than or equal to 0\.0{29}1": "above 0",
     r"greater than or equal to": "at least",
     r"less than or equal to": "at most",
     r"greater than": "above",
     r"less than": "below",
 }
-"""Pydantic's texts → those of a camera file."""
+"""Pattern in Pydantic's messages → replacement."""
 
 GAIN = "readout.gain_dn_per_e"
 TERMS = {
@@ -77,24 +78,18 @@ TERMS = {
     "lens.f_number": "f_number fnumber aperture f_stop f",
     "lens.focal_length_mm": "focal_length focal_length_mm",
 }
-"""Key → terms that mean it, apart by blanks."""
-ONE_OVER = {
-    "inverse_gain",
-    "inverse_k",
-    "conversion_factor",
-    "e_per_dn",
-    "e_per_adu",
-    "gain_e_per_dn",
-    "gain_e_per_adu",
-}
-"""Terms for electrons per DN, which are one over the gain."""
+"""Key → its names on datasheets, separated by blanks."""
+RECIPROCALS = (
+    "inverse_gain inverse_k conversion_factor e_per_dn e_per_adu gain_e_per_dn gain_e_per_adu"
+)
+"""Names of electrons per DN, the reciprocal of the gain."""
 MEANT = {term: key for key, terms in TERMS.items() for term in terms.split()}
-MEANT |= dict.fromkeys(ONE_OVER, GAIN)
+MEANT |= dict.fromkeys(RECIPROCALS.split(), GAIN)
 UNIT = re.compile(r"_(?:e|dn|um|nm|v|uv|k|c|s|us|percent|pct|electrons|adu|bit)$")
 
 
 def inner_table(annotation: Any) -> tuple[type[BaseModel] | None, Any]:
-    """Return the table inside an annotation, and tuple or dict if there are several of them."""
+    """Return the table inside an annotation, and tuple or dict if the annotation holds several tables."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation, None
     for part in get_args(annotation):
@@ -118,7 +113,7 @@ def fields_of(model: type[BaseModel]) -> dict[str, FieldInfo]:
 
 
 class Fault(NamedTuple):
-    """One error.  loc : its place in the file.  kind : pydantic's name of the error."""
+    """An error.  loc : place in the file.  kind : Pydantic's name of the error."""
 
     loc: Loc
     text: str
@@ -126,42 +121,44 @@ class Fault(NamedTuple):
 
 
 def faults(error: ValidationError, model: type[BaseModel], kind: str = "camera") -> list[Fault]:
-    """Return all errors; an unknown field in place of a missing one counts once.  kind : of the file."""
-    found = [
-        (tuple(part for part in one["loc"] if part != KEY), one["type"], one)
-        for one in error.errors(include_url=False)
-    ]
-    missing = {dotted(loc) for loc, what, _ in found if what == "missing"}
+    """Return all errors; a misspelled required field counts once.  kind : of the file."""
+    errors = {
+        tuple(part for part in details["loc"] if part != KEY): details
+        for details in error.errors(include_url=False)
+    }
+    missing = {dotted(loc) for loc, details in errors.items() if details["type"] == "missing"}
     meant = {
-        loc: _meant(loc, one["input"], model, missing)
-        for loc, what, one in found
-        if what == "extra_forbidden"
+        loc: _meant(loc, details["input"], model, missing)
+        for loc, details in errors.items()
+        if details["type"] == "extra_forbidden"
     }
     return [
-        Fault(loc, _text(loc, one, model, kind, meant.get(loc)), what)
-        for loc, what, one in found
-        if what != "missing" or dotted(loc) not in meant.values()
+        Fault(loc, _text(loc, details, model, kind, meant.get(loc)), details["type"])
+        for loc, details in errors.items()
+        if details["type"] != "missing" or dotted(loc) not in meant.values()
     ]
 
 
 def sentence(
     error: ValidationError, model: type[BaseModel], where: str, kind: str = "camera"
 ) -> str:
-    """Return the first error as one sentence.  kind : of the file."""
+    """Return the message about the first error.  where : name of the file.  kind : of the file."""
     return f"{where}: {faults(error, model, kind)[0].text}"
 
 
 def dotted(loc: Loc) -> str:
-    """Return the place of a value as one name."""
+    """Return the place of a value as a dotted name."""
     return ".".join(map(str, loc))
 
 
 def _meant(loc: Loc, value: object, model: type[BaseModel], missing: set[str]) -> str | None:
-    """Return the field that an unknown one probably means, first among the missing ones; for an unknown table, the
-    field that one of its keys means."""
+    """Return the field that an unknown field or table probably means; missing fields are tried first."""
     path = dotted(loc)
     _, table = _declared(loc, model)
     known = [*fields_of(model), *(dotted((*loc[:-1], name)) for name in table.model_fields)]
+    known = [
+        name for name in known if len(loc) == 1 or "." in name
+    ]  # no whole table for a field
     names = [path]
     if isinstance(value, Mapping):
         names += [f"{path}.{key}" for key in value]
@@ -170,23 +167,25 @@ def _meant(loc: Loc, value: object, model: type[BaseModel], missing: set[str]) -
 
 
 def _text(
-    loc: Loc, one: ErrorDetails, model: type[BaseModel], kind: str, meant: str | None
+    loc: Loc, details: ErrorDetails, model: type[BaseModel], kind: str, meant: str | None
 ) -> str:
-    """Return the sentence of an error.  meant : the field that an unknown one means."""
-    path, what, value = dotted(loc), one["type"], one["input"]
+    """Return the message about an error.  meant : the field that an unknown field means."""
+    path, what, value = dotted(loc), details["type"], details["input"]
     if what == "extra_forbidden":
-        return f"{path} is not a field of a {kind} file.{proposal(path, meant)}"
+        return unknown_field(loc, meant, model, kind)
     if what == "value_error":
-        said = str(one["ctx"]["error"]).removesuffix(".")
-        return f"{path or f'the {kind}'}: {said}{'' if said.endswith('?') else '.'}"
+        reason = str(details["ctx"]["error"]).removesuffix(".")
+        return f"{f'{path}: ' if path else ''}{reason}{'' if reason.endswith('?') else '.'}"
     field, _ = _declared(loc, model)
-    about = f"add the table [{path}]"
+    about = ""
     if field and field.description:
-        example = f", e.g. {field.examples[0]!r}" if field.examples else ""
-        about = f"{field.description}{example}"
+        example = (
+            f", e.g. {field.examples[0]!r}" if field.examples and what != CHOICE_TYPE else ""
+        )
+        about = f"{example} ({field.description})"
     if what == "missing":
-        return f"{path} is missing; {about}."
-    rule = one["msg"]
+        return f"{path} is missing; add {f'it{about}' if about else f'the table [{path}]'}."
+    rule = details["msg"]
     for pattern, ours in TEXTS.items():
         rule = re.sub(pattern, ours, rule)
     rule = re.sub(r"\d+\.\d{7,}|\d{9,}", lambda long: f"{float(long[0]):.10g}", rule)
@@ -195,14 +194,26 @@ def _text(
         hint = number_hint(path, value)
     elif field and (usual := usual_of(field)):
         hint = next((usual.right(number) for number in _numbers(value)), "")
-    text = f"{path} is {shown(value)[:60]}; it must {rule} ({about}{hint and f'; {hint}'})."
+    text = f"{path} is {shown(value)[:60]}; it must {rule}{about}{hint and f'; {hint}'}."
     if what not in NUMBER_TYPES and MEANT.get(path) in fields_of(model):
         text += proposal(path, MEANT[path])
     return text
 
 
+def unknown_field(loc: Loc, meant: str | None, model: type[BaseModel], kind: str) -> str:
+    """Return the message about a field that does not exist.  meant : the field that it means.  kind : of the file."""
+    path = dotted(loc)
+    end = proposal(path, meant)
+    if not end:
+        table = _declared(loc, model)[1]
+        tables = [part for part in loc[:-1] if isinstance(part, str)]
+        around = "the file" if table is model else f"[{'.'.join(tables)}]"
+        end = f" The fields of {around} are {', '.join(table.model_fields)}."
+    return f"{path} is not a field of a {kind} file.{end}"
+
+
 def _declared(loc: Loc, model: type[BaseModel]) -> tuple[FieldInfo | None, type[BaseModel]]:
-    """Return the last declared field on the way to a value, and the innermost table around the value."""
+    """Return the innermost declared field around a value, and the innermost table around it."""
     field, table, parts = None, model, iter(loc)
     for part in parts:
         if part not in table.model_fields:
@@ -218,46 +229,46 @@ def _declared(loc: Loc, model: type[BaseModel]) -> tuple[FieldInfo | None, type[
 
 
 def doubts(data: Mapping[str, Any], model: type[BaseModel]) -> list[tuple[str, str]]:
-    """Return field and sentence for every number of a file that is outside its usual range."""
-    found = []
+    """Return the field and a note for every number of a file that is outside its usual range."""
+    notes = []
     for name, field in fields_of(model).items():
         usual, value = usual_of(field), _value_at(data, name)
         unusual = next((x for x in _numbers(value) if usual and not usual.includes(x)), None)
         if usual and unusual is not None:
             verb = "is" if isinstance(value, int | float) else "has"
-            found.append((name, usual.doubt(name, unusual, verb)))
-    return found
+            notes.append((name, usual.doubt(name, unusual, verb)))
+    return notes
 
 
 def _value_at(data: object, name: str) -> object:
-    """Return the value of a field, None if it is not set."""
+    """Return the value of a field, or None if it is unset."""
     for part in name.split("."):
         data = data.get(part) if isinstance(data, Mapping) else None
     return data
 
 
 def _numbers(value: object) -> Iterator[float]:
-    """Yield the numbers in a value, which may be a list or a table, that a float can hold."""
+    """Yield the numbers that a float can hold, in a value, list or table."""
     if isinstance(value, Mapping):
         value = list(value.values())
     if isinstance(value, list | tuple):
-        for one in value:
-            yield from _numbers(one)
+        for element in value:
+            yield from _numbers(element)
     elif type(value) in (int, float) and abs(value) <= sys.float_info.max:  # type: ignore[arg-type]
         yield value  # type: ignore[misc]
 
 
 def usual_of(field: FieldInfo) -> Usual | None:
-    """Return the usual range of a number of a camera file, if it is declared."""
-    return next((one for one in field.metadata if isinstance(one, Usual)), None)
+    """Return the declared usual range of a number of a camera file, or None."""
+    return next((item for item in field.metadata if isinstance(item, Usual)), None)
 
 
 def key_meant(name: str, known: Iterable[str]) -> str | None:
-    """Return the key that a name of a data sheet means, or of which it is a misspelling.
+    """Return the key that a datasheet's name means or misspells, or None.
 
-    name : dotted, ``pixel.full_well`` or ``K``.  known : keys that there are.
+    name : dotted, ``pixel.full_well`` or ``K``.  known : all keys.
     """
-    keys = set(known)
+    keys = {key for key in known if not name.startswith(f"{key}.")}
     last = _as_term(name.rpartition(".")[2])
     for term in (_as_term(name), last, UNIT.sub("", last)):
         if MEANT.get(term) in keys:
@@ -266,19 +277,19 @@ def key_meant(name: str, known: Iterable[str]) -> str | None:
 
 
 def proposal(name: str, key: str | None) -> str:
-    """Return `` Did you mean …?`` with the key that a name means, or an empty text without a key."""
+    """Return `` Did you mean …?`` with the key that a name means; empty without a key."""
     if key is None:
         return ""
-    if _as_term(name.rpartition(".")[2]) in ONE_OVER:
-        return f" Did you mean {key!r}, which is one over the electrons per DN?"
+    if _as_term(name.rpartition(".")[2]) in RECIPROCALS.split():
+        return f" Did you mean {key!r}, the reciprocal of the electrons per DN?"
     return f" Did you mean {key!r}?"
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return `` Did you mean …?`` with the key that a name means, or an empty text."""
+    """Return `` Did you mean …?`` with the key that a name means; empty if it means none."""
     return proposal(name, key_meant(name, known))
 
 
 def _as_term(name: str) -> str:
-    """Return a name in small letters, with _ between its terms."""
+    """Return a name in lower case with _ between its words."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")

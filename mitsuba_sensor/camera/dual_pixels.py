@@ -1,7 +1,7 @@
-"""The camera of one photodiode of dual pixels: half of the well and of the dark current, behind the same amplifier.
+"""The camera of one photodiode of dual pixels: half the well and half the dark current before the same amplifier.
 
-Both photodiodes share floating diffusion, amplifier and converter, as in Samsung's EP 4187914 A1: the picture is the
-charge of both, and either of them can be read alone.
+Both photodiodes share floating diffusion, amplifier and ADC, as in Samsung's EP 4187914 A1. The image is the charge of
+both; each can also be read alone.
 """
 
 from __future__ import annotations
@@ -16,12 +16,15 @@ if TYPE_CHECKING:
     from .camera import Camera
 
 PHOTODIODES = (LEFT, RIGHT)
-OF_AREA = ("fom_na_per_cm2", "diffusion_fom_na_per_cm2", "rate_e_per_s")
-"""Fields of the dark current of which a photodiode has half."""
+AREA_FIELDS = (
+    *("fom_na_per_cm2", "diffusion_fom_na_per_cm2", "rate_e_per_s"),
+    *("rts_amplitude_e_per_s", "overflow_rate_e_per_s"),
+)
+"""Dark current fields that are half as large for a photodiode."""
 
 
 def wrong_dual_pixels(camera: Datasheet) -> Iterator[str]:
-    """Sentences for dual pixels with what nobody has said how two photodiodes share it."""
+    """Yield errors for dual pixels with effects that two photodiodes share in an unknown way."""
     refused = {
         "sensor.technology is 'ccd'": camera.sensor.technology == "ccd",
         "readouts are given": camera.readouts,
@@ -35,43 +38,36 @@ def wrong_dual_pixels(camera: Datasheet) -> Iterator[str]:
     for why, is_refused in refused.items():
         if camera.sensor.dual_pixel and is_refused:
             yield (
-                f"sensor.dual_pixel is true and {why}, and it is not known how the two photodiodes of a pixel share "
-                "that; leave one of them out"
+                f"sensor.dual_pixel is true and {why}, but how two photodiodes share this is unknown; omit either"
             )
 
 
 def camera_of_photodiode(camera: Camera) -> Camera:
-    """The camera with one photodiode of its dual pixels, which has half of the well and of the dark current."""
-    dark = camera.dark_current
-    fields: dict[str, object] = {"sensor.dual_pixel": False}
-    fields["pixel.full_well_e"] = camera.pixel.full_well_e / 2
-    halved = _half(
-        dark.model_dump(), (*OF_AREA, "rts_amplitude_e_per_s", "overflow_rate_e_per_s")
-    )
-    fields |= {f"dark_current.{name}": value for name, value in halved.items()}
-    if dark.components:
-        parts = [part.model_dump() for part in dark.components]
+    """Return the camera of one photodiode of dual pixels, with half the well and half the dark current."""
+    dark, well_e = camera.dark_current.model_dump(), camera.pixel.full_well_e / 2
+    fields: dict[str, object] = {"sensor.dual_pixel": False, "pixel.full_well_e": well_e}
+    fields |= {
+        f"dark_current.{name}": value for name, value in _half(dark, AREA_FIELDS).items()
+    }
+    if dark["components"]:
         fields["dark_current.components"] = [
-            part | _half(part, ("low", "high", "mean", "sigma")) for part in parts
+            component | _half(component, ("low", "high", "mean", "sigma"))
+            for component in dark["components"]
         ]
     return camera.replace(**fields)
 
 
 def _half(table: Mapping[str, float], names: Iterable[str]) -> dict[str, float]:
-    """Half of those of these numbers that are given."""
+    """Return half of each given number with one of these names."""
     return {name: table[name] / 2 for name in names if table.get(name)}
 
 
 def stages_of_photodiode(photodiode: Camera, stages: Chain) -> Chain:
-    """The chain of a picture with the charge of one photodiode: gains, offsets and converter are those of both."""
-    own = {stage.key(): stage for stage in photodiode.stages if stage.domain == "electrons"}
-    found = list(stages)
-    for number, stage in enumerate(stages):
-        if stage.domain == "electrons":
-            found[number] = own.get(stage.key(), stage)
-    return tuple(found)
+    """Return the chain for the charge of one photodiode; gains, offsets and ADC are shared by both."""
+    charge = {stage.key(): stage for stage in photodiode.stages if stage.domain == "electrons"}
+    return tuple(charge.get(stage.key(), stage) for stage in stages)
 
 
 def has_several_readouts(camera: Datasheet) -> bool:
-    """Whether every pixel is read more than once: by its read-outs, or as each of its two photodiodes."""
+    """Return True if every pixel is read more than once: by several readouts, or as two photodiodes."""
     return bool(camera.readouts) or camera.sensor.dual_pixel

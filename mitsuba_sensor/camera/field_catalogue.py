@@ -1,4 +1,4 @@
-"""The keys of a camera file with unit, range, default and meaning: as Markdown, and as the commented text of a file."""
+"""The keys of a camera file with unit, range, default and meaning, as Markdown and as a commented file."""
 
 from __future__ import annotations
 
@@ -26,20 +26,22 @@ LIMITS = {
     "exclusiveMaximum": "below",
 }
 SMALLEST, LARGEST = 1e-30, 1e30
-"""Limits that only say above zero and finite."""
+"""Limits that mean above zero and finite."""
 
 WIDTH = 116
 HEAD = """\
-# A camera file of mitsuba_sensor. Every key that there is stands here with its meaning, unit and range.
-# A key behind a # is not set: its default holds, and what is written is an example.
-# [sources] at the end says where each number comes from; it becomes part of frame.json. Keep it true.
+# A camera file of mitsuba_sensor with every key, its meaning, unit and range.
+# A key after a # is unset: its default applies, and the value shown is an example.
+# [sources] at the end gives the source of each number and becomes part of frame.json. Keep it up to date.
 # Check the file: mitsuba-sensor cameras check FILE. Use it: mitsuba-sensor render SCENE --camera FILE -o out/
 """
-OF_SOURCES = "# Where each number comes from: data sheet, measurement, paper or assumption."
+SOURCES_COMMENT = "# Source of each number: datasheet, measurement, paper or assumption."
+ASSUMED = "assumed"
+"""Start of the source of an assumed number."""
 
 
 class Entry(NamedTuple):
-    """One key.  unit : empty for what has none.  usual : range of existing cameras, if it is declared."""
+    """A key of a camera file.  usual : range of existing cameras, if it is declared."""
 
     name: str
     unit: str
@@ -51,7 +53,7 @@ class Entry(NamedTuple):
 
     @property
     def explained(self) -> str:
-        """Meaning, unit, range, usual range and default in one line."""
+        """Meaning, unit, range, usual range and default on one line."""
         unit = f" [{self.unit}]" if self.unit else ""
         usual = f"usual {self.usual}" if self.usual else ""
         default = self.default
@@ -61,7 +63,7 @@ class Entry(NamedTuple):
 
 
 class Table(NamedTuple):
-    """One table of the file.  path : dotted; empty for the top of the file.  of_list : each one of a list of tables."""
+    """A table of a camera file.  path : dotted; empty for the top of the file.  of_list : in a list of tables."""
 
     path: str
     of_list: bool
@@ -76,22 +78,22 @@ class Table(NamedTuple):
 
 
 def tables(model: type[BaseModel], path: str = "", of_list: bool = False) -> Iterator[Table]:
-    """The tables of a kind of file, each before those inside of it."""
+    """Yield the tables of a file, each before its inner tables."""
     schemas = model.model_json_schema()["properties"]
     entries, inside = list[Entry](), list[Iterator[Table]]()
     for name, info in model.model_fields.items():
         table, container = inner_table(info.annotation)
         if table:
             inside.append(tables(table, f"{path}.{name}".lstrip("."), container is tuple))
-        if not table or container or info.default is None:  # else it is only a table
+        if not table or container or info.default is None:  # otherwise it is only a table
             entries.append(entry(name, info, schemas[name]))
     yield Table(path, of_list, (model.__doc__ or "").partition("\n")[0], tuple(entries), model)
-    for one in inside:
-        yield from one
+    for inner_tables in inside:
+        yield from inner_tables
 
 
 def entry(name: str, info: FieldInfo, schema: dict[str, Any]) -> Entry:
-    """One key from its declaration and its JSON Schema."""
+    """Return a key from its declaration and its JSON Schema."""
     text, usual = info.description or "", usual_of(info)
     before, unit, after = (*re.split(r" \[([^\]]+)\]", text, maxsplit=1), "", "")[:3]
     default = "required"
@@ -104,16 +106,18 @@ def entry(name: str, info: FieldInfo, schema: dict[str, Any]) -> Entry:
 
 
 def markdown(model: type[BaseModel]) -> str:
-    """The tables as Markdown."""
-    parts = []
-    for one in tables(model):
-        head = f"### `{one.header}`\n\n{one.meaning}" if one.path else "### Top of the file"
-        parts.append(f"{head}\n\n{markdown_rows(one.entries)}")
-    return "\n\n".join(parts)
+    """Return the tables as Markdown."""
+    sections = []
+    for table in tables(model):
+        title = (
+            f"### `{table.header}`\n\n{table.meaning}" if table.path else "### Top of the file"
+        )
+        sections.append(f"{title}\n\n{markdown_rows(table.entries)}")
+    return "\n\n".join(sections)
 
 
 def markdown_rows(entries: Iterable[Entry]) -> str:
-    """Keys as one table of Markdown."""
+    """Return keys as a Markdown table."""
     lines = [
         "| key | unit | allowed | usual | default | what it does |",
         "|---|---|---|---|---|---|",
@@ -127,9 +131,9 @@ def markdown_rows(entries: Iterable[Entry]) -> str:
 
 
 def _allowed(schema: dict[str, Any]) -> str:
-    """The range of a JSON Schema as text: ``above 0, at most 1``; ``"cmos" or "ccd"``; ``list, each a text``."""
+    """Return the range of a JSON Schema: ``above 0, at most 1``; ``"cmos" or "ccd"``; ``list, each a text``."""
     if "anyOf" in schema:
-        kinds = (one for one in schema["anyOf"] if one.get("type") != "null")
+        kinds = (kind for kind in schema["anyOf"] if kind.get("type") != "null")
         return " or ".join(map(_allowed, kinds))
     if "$ref" in schema:
         return "a table"
@@ -155,12 +159,12 @@ def _allowed(schema: dict[str, Any]) -> str:
     return f"for each name {_allowed(inner)}" if isinstance(inner, dict) else TYPES[kind]
 
 
-LONGEST = 110
+LINE_MAX = 110
 """Characters of a list on one line."""
 
 
 def toml_of(value: Any) -> str:
-    """A number, text, list or table on one line; every float reads again as the same one."""
+    """Return a number, text, list or table as TOML on one line; floats round-trip exactly."""
     if isinstance(value, str):
         return printable_toml(json.dumps(value, ensure_ascii=False))
     if isinstance(value, float) and value.is_integer() and abs(value) < 1e7:
@@ -174,64 +178,68 @@ def toml_of(value: Any) -> str:
 
 
 def key_of(name: str) -> str:
-    """A key, in quotes where TOML needs them."""
+    """Return a key, in quotes if TOML needs them."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_of(name)
 
 
 def assignment(key: str, value: Any) -> str:
-    """``key = value``; a long list goes over several lines."""
+    """Return ``key = value``, with a long list on several lines."""
     line = f"{key} = {toml_of(value)}"
-    if len(line) <= LONGEST or not isinstance(value, list | tuple):
+    if len(line) <= LINE_MAX or not isinstance(value, list | tuple):
         return line
     lines = [""]
-    for one in map(toml_of, value):
-        if len(lines[-1]) + len(one) > LONGEST - 6:
+    for element in map(toml_of, value):
+        if len(lines[-1]) + len(element) > LINE_MAX - 6:
             lines.append("")
-        lines[-1] += f"{one}, "
-    return "\n".join((f"{key} = [", *(f"    {one.rstrip()}" for one in lines), "]"))
+        lines[-1] += f"{element}, "
+    return "\n".join((f"{key} = [", *(f"    {line.rstrip()}" for line in lines), "]"))
 
 
 def camera_file(camera: Camera) -> str:
-    """The commented file, which loads again to an equal camera. Raises InputError for added stages."""
+    """Return the commented file, which loads as an equal camera. Raises InputError for added stages."""
     if camera.added:
         stages = ", ".join(type(stage).__name__ for stage in camera.added)
         raise InputError(
-            f"A camera file cannot hold the stage {stages}; call with_stage again after load_camera."
+            f"a camera file cannot hold the added stage {stages}; save the camera without it, and call with_stage "
+            "after load_camera."
         )
-    data, known = camera.model_dump(), list(tables(type(camera)))
-    headers, parts, unsourced = {one.path for one in known}, [HEAD.rstrip()], list[str]()
-    for table in known:
+    data, all_tables = camera.model_dump(), list(tables(type(camera)))
+    headers, parts, unsourced = {x.path for x in all_tables}, [HEAD.rstrip()], list[str]()
+    for table in all_tables:
         for number, values in enumerate(_filled(table.path, data)):
             lines = [table.header] if table.path else []
             if table.path and number == 0:
                 lines = [*_comment(table.meaning, "# "), table.header]
-            for one in table.entries:
-                name, value = f"{table.path}.{one.name}".lstrip("."), values[one.name]
+            for key in table.entries:
+                name, value = f"{table.path}.{key.name}".lstrip("."), values[key.name]
                 if name == "sources" or (name in headers and value):
                     continue
-                given = _is_set(table.model.model_fields[one.name], value, name, camera)
+                given = _is_set(table.model.model_fields[key.name], value, name, camera)
                 if number == 0:
-                    lines += ["", *_comment(one.explained, "#   ")]
+                    lines += ["", *_comment(key.explained, "#   ")]
+                source = camera.sources.get(name, "")
+                if given and source.startswith(ASSUMED):
+                    lines += _comment(printable_toml(source), "#   ")
                 if given:
-                    lines += _set(one.name, value)
+                    lines += _set(key.name, value)
                 elif number == 0:
-                    lines.append(f"# {one.name} = {toml_of(one.example)}")
+                    lines.append(f"# {key.name} = {toml_of(key.example)}")
                 if given and table.path and not table.of_list and not isinstance(value, str):
                     unsourced += [] if name in camera.sources else [name]
             parts.append("\n".join(lines))
     sources = [f"{toml_of(name)} = {toml_of(text)}" for name, text in camera.sources.items()]
     missing = [f'# {toml_of(name)} = ""' for name in sorted(unsourced)]
-    parts.append("\n".join((OF_SOURCES, "[sources]", *sources, *missing)))
+    parts.append("\n".join((SOURCES_COMMENT, "[sources]", *sources, *missing)))
     return "\n\n".join(part.strip("\n") for part in parts) + "\n"
 
 
 def _filled(path: str, data: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The values of a table of the file, of each one of a list, or none where it is not set."""
-    found: list[Any] = [data]
+    """Return the values of a table, or of each element of a list of tables; empty if it is unset."""
+    values: list[Any] = [data]
     for part in path.split(".") if path else ():
-        inner = [one.get(part) for one in found if one]
-        found = [x for one in inner for x in (one if isinstance(one, list | tuple) else [one])]
-    return [one for one in found if one]
+        inner = [value.get(part) for value in values if value]
+        values = [x for y in inner for x in (y if isinstance(y, list | tuple) else [y])]
+    return [value for value in values if value]
 
 
 def _comment(text: str, further: str) -> list[str]:
@@ -239,7 +247,7 @@ def _comment(text: str, further: str) -> list[str]:
 
 
 def _is_set(info: FieldInfo, value: Any, name: str, camera: Camera) -> bool:
-    """Whether a value is not the default, or has a source."""
+    """Return True if a value differs from the default or has a source."""
     if value is None:
         return False
     given = info.is_required() or name in camera.sources
@@ -247,7 +255,7 @@ def _is_set(info: FieldInfo, value: Any, name: str, camera: Camera) -> bool:
 
 
 def _set(name: str, value: Any) -> list[str]:
-    """The lines of a key; a table of names has one line for each name."""
+    """Return the lines of a key; a table of names has one line per name."""
     if isinstance(value, Mapping):
         return [assignment(f"{name}.{key_of(key)}", x) for key, x in value.items()]
     return [assignment(name, value)]

@@ -1,4 +1,4 @@
-"""Saturation of a camera, and the figures of EMVA 1288 Release 4.0 Linear: from the datasheet, not from frames."""
+"""Saturation and EMVA 1288 Release 4.0 Linear parameters of a camera, computed from its datasheet."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ if TYPE_CHECKING:
     from .camera import Camera
 
 QUANTISATION_DN2 = 1 / 12
-"""σ_q², variance of rounding to whole digital numbers (EMVA 1288 R4, section 2.2)."""
+"""σ_q², variance of rounding to integer DN (EMVA 1288 R4, section 2.2)."""
 SERIAL, SIDE_PX, SAMPLED_PX = 2**30, 128, 256
-"""Sensor unit whose dark noise is averaged over pixels, and the side of their window, in closed form and by samples: a
-sampled σ is known to 0.3 %."""
-APART = (0, 100_000)
-"""Numbers of the two sampled frames, so far apart that a telegraph signal has forgotten its state."""
-STRAIGHT = 1e-12  # of the range of codes: a chain is straight to the last digits
+"""Sensor unit whose dark noise is averaged over pixels, and the side of their window for the closed form and for
+samples (which give σ to 0.3 %)."""
+FRAME_NUMBERS = (0, 100_000)
+"""Numbers of the two sampled frames, far enough apart that telegraph signals are uncorrelated."""
+LINEAR_TOLERANCE = 1e-12  # of the range of codes
 
 
 class Figure(NamedTuple):
-    """One line of a table of figures.  section : of EMVA 1288 R4 Linear that defines it."""
+    """A row of a table of parameters.  section : of EMVA 1288 R4 Linear that defines it."""
 
     name: str
     symbol: str
@@ -45,22 +45,22 @@ class Figure(NamedTuple):
 
 @dataclass(frozen=True)
 class EmvaFigures:
-    """EMVA 1288 figures of one camera in one exposure, for any pixel of it: spatial noise has figures of its own.
+    """EMVA 1288 parameters of a camera at one exposure, without spatial noise.
 
-    exposure : of the dark signal.
+    exposure : sets the dark signal.
     system_gain_dn_per_e : K, overall system gain of small signals [DN/e-] (section 2.1).
-    temporal_dark_noise_e : σ_d, temporal noise without light in front of the converter, as electrons. It includes read
-        noise and dark shot noise, not the quantisation noise σ_q = √(1/12) DN (section 2.2).
-    saturation_e : µ_e.sat, photoelectrons at which a pixel saturates: its full well, or less where the converter ends
-        before, less the mean dark electrons of this exposure (section 2.4).
+    temporal_dark_noise_e : σ_d, temporal dark noise before the ADC, in electrons. It includes read noise and dark shot
+        noise, but not the quantisation noise σ_q = √(1/12) DN (section 2.2).
+    saturation_e : µ_e.sat, photoelectrons at saturation of the full well or ADC, whichever saturates first, minus the
+        mean dark electrons of this exposure (section 2.4).
     absolute_sensitivity_e : µ_e.min, photoelectrons whose signal equals their noise, √(σ_d² + σ_q²/K² + ¼) + ½ (2.4).
-    snr_max : √µ_e.sat, with shot noise alone (2.4).  dynamic_range : DR = µ_e.sat/µ_e.min; the QE cancels (2.4).
+    snr_max : √µ_e.sat, from shot noise alone (2.4).  dynamic_range : DR = µ_e.sat/µ_e.min; the QE cancels (2.4).
 
-    With an EM gain electrons are those of the pixel, and its excess noise F² is in µ_e.min = √(σ_d² + σ_q²/K² + F⁴/4) +
+    With EM gain, electrons are counted in the pixel. The excess noise F² enters µ_e.min = √(σ_d² + σ_q²/K² + F⁴/4) +
     F²/2 and SNR_max = √(µ_e.sat/F²).
 
-    A camera without shot noise has the same SNR without its variance: µ_e.min = √(σ_d² + σ_q²/K²), and the largest SNR
-    is the dynamic range. Photons are electrons over the QE: ``figures.saturation_e / camera.qe([550.0])``.
+    Without shot noise, µ_e.min = √(σ_d² + σ_q²/K²) and SNR_max equals the dynamic range. Divide electrons by the QE to
+    obtain photons: ``figures.saturation_e / camera.qe([550.0])``.
     """
 
     exposure: Exposure
@@ -72,81 +72,65 @@ class EmvaFigures:
     dynamic_range: float
 
     def __repr__(self) -> str:
-        shown = ", ".join(f"{one.symbol} {one.value:.4g} {one.unit}" for one in self.table())
+        shown = ", ".join(f"{x.symbol} {x.value:.4g} {x.unit}" for x in self.table())
         return f"<EmvaFigures: {shown}>"
 
     def _repr_html_(self) -> str:
-        rows = [
-            (one.name, one.symbol, f"{one.value:.4g}", one.unit, one.section)
-            for one in self.table()
-        ]
-        heading = "figure", "symbol", "value", "unit", "section"
-        return fragment("EMVA 1288 figures of the datasheet", Table(heading, rows))
+        rows = [(x.name, x.symbol, f"{x.value:.4g}", x.unit, x.section) for x in self.table()]
+        heading = "parameter", "symbol", "value", "unit", "section"
+        return fragment("EMVA 1288 parameters of the datasheet", Table(heading, rows))
 
     @property
     def snr_max_db(self) -> float:
-        """20·log10 of SNR_max [dB]."""
+        """SNR_max [dB]."""
         return _db(self.snr_max)
 
     @property
     def dynamic_range_db(self) -> float:
-        """20·log10 of the dynamic range [dB]."""
+        """Dynamic range [dB]."""
         return _db(self.dynamic_range)
 
     def table(self) -> tuple[Figure, ...]:
-        """Name, symbol, value, unit and section of every figure."""
+        """Return name, symbol, value, unit and section of every parameter."""
+        least_e = self.absolute_sensitivity_e
         return (
             Figure("overall system gain", "K", self.system_gain_dn_per_e, "DN/e-", "2.1"),
             Figure("temporal dark noise", "σ_d", self.temporal_dark_noise_e, "e- rms", "2.2"),
             Figure("saturation capacity", "µ_e.sat", self.saturation_e, "e-", "2.4"),
-            Figure(
-                "absolute sensitivity threshold",
-                "µ_e.min",
-                self.absolute_sensitivity_e,
-                "e-",
-                "2.4",
-            ),
+            Figure("absolute sensitivity threshold", "µ_e.min", least_e, "e-", "2.4"),
             Figure("maximum SNR", "SNR_max", self.snr_max_db, "dB", "2.4"),
             Figure("dynamic range", "DR", self.dynamic_range_db, "dB", "2.4"),
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {
-            **asdict(self),
-            "snr_max_db": self.snr_max_db,
-            "dynamic_range_db": self.dynamic_range_db,
-        }
+        """Return the parameters for JSON."""
+        decibels = {"snr_max_db": self.snr_max_db, "dynamic_range_db": self.dynamic_range_db}
+        return {**asdict(self), **decibels}
 
 
 def emva_figures(camera: Camera, exposure: Exposure) -> EmvaFigures:
-    """The figures of a camera. Raises InputError where darkness is at the highest code."""
+    """Return the EMVA 1288 parameters of a camera. Raises InputError if the dark signal saturates the ADC."""
     check_types(camera, exposure)
-    refuse_readouts(camera, "EMVA 1288's figures are those of one read-out")
+    refuse_readouts(camera, "EMVA 1288 parameters describe a single readout")
     if camera.pixel.partial_resets:
         raise InputError(
-            f"{camera.name} has pixel.partial_resets, and EMVA 1288's figures are those of a straight response; unset "
+            f"{camera.name} has pixel.partial_resets, but EMVA 1288 parameters need a linear response; unset "
             "pixel.partial_resets."
         )
     gain, stages = gain_dn_per_e(camera), camera.stages
     dark_e, noise_e = _dark_signal(camera, exposure)
     full_e = max(saturation_e(camera) - dark_e, 0.0)
-    shot = 0.0  # variance of one photoelectron
-    if place_of_count(stages):
-        shot = excess_noise(camera)
+    shot = excess_noise(camera) if place_of_count(stages) else 0.0  # variance per photoelectron
     still_e = math.sqrt(noise_e**2 + QUANTISATION_DN2 / gain**2)
     least_e = math.sqrt(still_e**2 + shot**2 / 4) + shot / 2
-    if shot:
-        snr_max = math.sqrt(full_e / shot)
-    else:
-        snr_max = full_e / still_e
+    snr_max = math.sqrt(full_e / shot) if shot else full_e / still_e
     return EmvaFigures(exposure, gain, noise_e, full_e, least_e, snr_max, full_e / least_e)
 
 
 def _dark_signal(camera: Camera, exposure: Exposure) -> tuple[float, float]:
-    """Mean dark electrons of a pixel, and the temporal noise in front of the converter as electrons of the pixel.
+    """Return the mean dark electrons of a pixel, and the temporal noise before the ADC in electrons of the pixel.
 
-    In closed form over the pixels for a straight chain, which is exact where all are alike; else by two frames.
+    A straight chain has a closed form, which is exact for equal pixels; other chains are sampled in two frames.
     """
     stages, gain = camera.stages, gain_dn_per_e(camera)
     flat = _flat(read_noise_v(camera) / sense_gain_v_per_e(camera))
@@ -163,76 +147,67 @@ def _dark_signal(camera: Camera, exposure: Exposure) -> tuple[float, float]:
     well = [stage for stage in stages[1:-1] if stage.domain == "electrons"]
     dark, frame = darkness(SAMPLED_PX)
     electrons, swings = [], []
-    for index in APART:
-        one = replace(frame, index=index, _blocks={})
-        charge = sample(well, dark, one)
+    for index in FRAME_NUMBERS:
+        numbered = replace(frame, index=index, _blocks={})
+        charge = sample(well, dark, numbered)
         electrons.append(float(np.mean(charge.total)))
-        swings.append(sample(stages[len(well) + 1 : -1], charge, one))
+        swings.append(sample(stages[len(well) + 1 : -1], charge, numbered))
     noise_v = math.sqrt(float(np.mean((swings[0] - swings[1]) ** 2)) / 2)
     multiplied = math.prod(stage.nominal_gain for stage in well)
     return sum(electrons) / 2 / multiplied, noise_v * converter_of(stages).gain_dn_per_v / gain
 
 
 def _flat(read_noise_e: float) -> dict[str, Any]:
-    """Maps without spatial noise, which has figures of its own."""
+    """Return maps without spatial noise."""
     flat = np.zeros((1, 1))
     dsnu = dict.fromkeys(("dsnu_pixel_e", "dsnu_col_e", "dsnu_row_e"), flat)
     return dsnu | {"prnu": flat + 1, "prnu_col": flat + 1, "read_noise": flat + read_noise_e}
 
 
 def refuse_readouts(
-    camera: Camera, why: str, way_out: str = "camera.at_readout (--readout)"
+    camera: Camera, reason: str, remedy: str = "camera.at_readout({name!r})"
 ) -> None:
-    """Raise InputError for a camera with several read-outs.
-
-    why : what there is of one read-out only.  way_out : what one of them is taken from.
-    """
-    if not camera.readouts:
-        return
-    names = ", ".join(one.name for one in camera.readouts)
-    raise InputError(
-        f"{camera.name} has the read-outs {names}, and {why}; take one of them by its name, from {way_out}, or "
-        "the camera without its table of read-outs (--set readouts=none)."
-    )
+    """Raise InputError for a camera with several readouts.  remedy : how to take the readout ``name``."""
+    if camera.readouts:
+        names = [readout.name for readout in camera.readouts]
+        raise InputError(
+            f"{camera.name} has the readouts {', '.join(names)}, but {reason}; use {remedy.format(name=names[0])}."
+        )
 
 
 def figures_if_any(camera: Camera) -> EmvaFigures | None:
-    """Those of a short exposure; None for a camera that has no range of codes for light."""
+    """Return the parameters at zero exposure, or None if the camera has none."""
     with suppress(InputError):
         return emva_figures(camera, Exposure(0.0))
     return None
 
 
 def _db(ratio: float) -> float:
-    if ratio > 0:
-        return 20 * math.log10(ratio)
-    return -math.inf
+    return 20 * math.log10(ratio) if ratio > 0 else -math.inf
 
 
-BEYOND_ALL_DN = 1e12
-"""A code beyond every converter, where a curve has left all numbers."""
+OVERFLOW_DN = 1e12
+"""Code above every full scale, if a response curve is not finite."""
 
 
 def saturation_e(camera: Camera) -> float:
-    """Electrons at which a pixel saturates: its full well, or less where the converter ends before."""
+    """Return the electrons at which a pixel saturates: its full well, or fewer if the ADC saturates first."""
     full_well_e = _smallest_well_e(camera)
-    dark_dn, full_dn = (
-        _beyond_converter_dn(electrons, camera) for electrons in (0.0, full_well_e)
-    )
+    dark_dn, full_dn = (_above_full_scale_dn(x, camera) for x in (0.0, full_well_e))
     if full_dn <= 0:
         return full_well_e
     if dark_dn >= 0:
         raise InputError(
-            f"darkness is at the highest code of {camera.name}; give adc.black_level_dn a smaller value."
+            f"the black level of {camera.name} is at or above full scale; reduce adc.black_level_dn."
         )
     straight_e = full_well_e * dark_dn / (dark_dn - full_dn)
-    if abs(_beyond_converter_dn(straight_e, camera)) < STRAIGHT * (full_dn - dark_dn):
+    if abs(_above_full_scale_dn(straight_e, camera)) < LINEAR_TOLERANCE * (full_dn - dark_dn):
         return straight_e
-    return root(lambda electrons: _beyond_converter_dn(electrons, camera), 0.0, full_well_e)
+    return root(lambda electrons: _above_full_scale_dn(electrons, camera), 0.0, full_well_e)
 
 
 def metered_saturation_e(camera: Camera) -> float:
-    """Electrons at which a pixel saturates that is metered: of several read-outs the most sensitive one."""
+    """Return the electrons at which a metered pixel saturates: in the most sensitive of several readouts."""
     combined = combined_of(camera.stages)
     if combined is None:
         return saturation_e(camera)
@@ -240,21 +215,20 @@ def metered_saturation_e(camera: Camera) -> float:
 
 
 def saturation_dn(camera: Camera) -> int:
-    """The code of a saturated pixel: that of a full well, above the black level and at most the highest [DN]."""
+    """Return the code of a saturated pixel: full well, but above the black level and at most full scale [DN]."""
     converter = converter_of(camera.stages)
     above_dark_dn = max(round(full_well_dn(camera)), math.floor(converter.black_level_dn) + 1)
     return min(converter.highest, above_dark_dn)
 
 
 def full_well_dn(camera: Camera) -> float:
-    """The code that a full well would have if the converter did not end [DN]."""
+    """Return the code of a full well in an ADC without full scale [DN]."""
     converter = converter_of(camera.stages)
-    return converter.highest + _beyond_converter_dn(_smallest_well_e(camera), camera)
+    return converter.highest + _above_full_scale_dn(_smallest_well_e(camera), camera)
 
 
 def _smallest_well_e(camera: Camera) -> float:
-    """Electrons in the pixel that fill its well, or the register behind it; of several read-outs those that saturate
-    the least sensitive one."""
+    """Return the electrons that fill the pixel's well or register, in the least sensitive of several readouts."""
     combined = combined_of(camera.stages)
     if combined is not None:
         last = combined.readouts[-1]
@@ -270,8 +244,8 @@ def _smallest_well_e(camera: Camera) -> float:
     return root(lambda electrons: left_by_resets(resets, electrons) - filled_e, 0.0, most_e)
 
 
-def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
-    """The code of these electrons without any noise, its curves included, less the highest one [DN]."""
+def _above_full_scale_dn(electrons: float, camera: Camera) -> float:
+    """Return the noise-free code of these electrons minus the full-scale code [DN]."""
     left_e = left_by_resets(camera.pixel.partial_resets, electrons)
     window = SensorWindow(0, (1, 1), given=_flat(0.0))
     quiet = QuietFrame.of(Frame(BLACK_LEVEL_AT, window))
@@ -280,14 +254,9 @@ def _beyond_converter_dn(electrons: float, camera: Camera) -> float:
         if stage.domain == "electrons":
             signal = Electrons(signal.light * stage.nominal_gain)
         else:
-            with suppress(NotStraight):  # noise alone
+            with suppress(NotStraight):  # a stage of noise only
                 signal = stage.sample(signal, quiet)
     converter = converter_of(camera.stages)
-    beyond_dn = float(
-        converter.black_level_dn
-        + converter.gain_dn_per_v * np.mean(total(signal))
-        - converter.highest
-    )
-    if math.isfinite(beyond_dn):
-        return beyond_dn
-    return BEYOND_ALL_DN
+    code_dn = converter.black_level_dn + converter.gain_dn_per_v * np.mean(total(signal))
+    above_dn = float(code_dn - converter.highest)
+    return above_dn if math.isfinite(above_dn) else OVERFLOW_DN

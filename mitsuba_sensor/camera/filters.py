@@ -1,4 +1,4 @@
-"""Colour filters of a camera: quantum efficiency at wavelengths and in bands, and which filter each pixel has."""
+"""Colour filters of a camera: their quantum efficiency, and the filter of each pixel."""
 
 from __future__ import annotations
 
@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 def qe_of_filters(
     camera: Datasheet, wavelengths_nm: ArrayLike, bandwidths_nm: ArrayLike | None
 ) -> NDArray[np.float64]:
-    """Quantum efficiency of every filter at (B,) wavelengths, (F, B); or averaged over bands, weighted by photons of a
-    flat spectrum. With polarisers that of unpolarised light behind them."""
+    """Return the quantum efficiency of every filter; see :meth:`Camera.qe`."""
     points = np.array(camera.quantum_efficiency.wavelengths_nm)
     curves = efficiencies(camera).values()
 
@@ -33,29 +32,29 @@ def qe_of_filters(
     if bandwidths_nm is None:
         return at(centres)
     centres = np.atleast_1d(centres)
-    widths = numbers("bandwidths_nm", bandwidths_nm, "widths in nm, one or one each")
+    widths = numbers("bandwidths_nm", bandwidths_nm, "one width in nm, or one per wavelength")
     if centres.ndim != 1 or widths.shape not in ((), (1,), centres.shape):
         raise InputError(
-            f"bandwidths_nm has shape {widths.shape} and wavelengths_nm {centres.shape}; pass one width per band."
+            f"bandwidths_nm has shape {widths.shape}, but wavelengths_nm {centres.shape}; pass one width per band."
         )
     return photon_averages(at, points, centres, np.broadcast_to(widths, centres.shape))
 
 
 def band_seen_nm(table: CameraTable) -> tuple[float, float]:
-    """From the first to the last wavelength at which any filter sees anything [nm].  table : quantum_efficiency."""
-    points, curves = table.wavelengths_nm, table.curves.values()
-    seen = [i for i in range(len(points)) if any(curve[i] > 0 for curve in curves)]
-    first, last = (seen[0], seen[-1]) if seen else (0, len(points) - 1)
-    return points[max(first - 1, 0)], points[min(last + 1, len(points) - 1)]
+    """Return the first and last wavelength that any filter detects [nm].  table : quantum_efficiency."""
+    points, end = table.wavelengths_nm, len(table.wavelengths_nm) - 1
+    seen = np.flatnonzero(np.max([*table.curves.values()], axis=0) > 0)
+    first, last = (int(seen[0]), int(seen[-1])) if seen.size else (0, end)
+    return points[max(first - 1, 0)], points[min(last + 1, end)]
 
 
 def filter_numbers(
     tile: Sequence[Sequence[int]], shape: tuple[int, int], origin: tuple[int, int]
 ) -> NDArray[np.intp]:
-    """Filter number of every pixel of a window, (H, W).  tile : rows of numbers that repeat over the sensor."""
-    numbers_of_tile, what = np.array(tile), "(row, column) of the first pixel, e.g. (0, 0)"
+    """Return the filter number of every pixel of a window, shape (H, W).  tile : filter numbers, by rows."""
+    pattern = np.array(tile)
     shape = require_pair("shape", shape, "(rows, columns), e.g. (480, 640)")
-    origin = require_pair("origin", origin, what)
-    rows = (np.arange(shape[0]) + origin[0]) % numbers_of_tile.shape[0]
-    columns = (np.arange(shape[1]) + origin[1]) % numbers_of_tile.shape[1]
-    return numbers_of_tile[np.ix_(rows, columns)]
+    origin = require_pair("origin", origin, "(row, column) of the first pixel, e.g. (0, 0)")
+    rows = (np.arange(shape[0]) + origin[0]) % pattern.shape[0]
+    columns = (np.arange(shape[1]) + origin[1]) % pattern.shape[1]
+    return pattern[np.ix_(rows, columns)]

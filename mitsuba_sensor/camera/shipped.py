@@ -1,15 +1,15 @@
-"""The camera files that ship with the package."""
+"""The included camera files."""
 
 from importlib import resources
 
 DEFAULT_CAMERA = "konnik_table1"
-"""The camera of a scene that names none, where none is given."""
+"""The camera if neither the user nor the scene names one."""
 
 SHIPPED = resources.files(__package__) / "cameras"
 
 
 def list_cameras() -> list[str]:
-    """Names of the cameras that ship with the package.
+    """Return the names of the included cameras.
 
     ::
 

@@ -1,14 +1,17 @@
-"""The app that the commands belong to: what errors become, and output on the terminal.
+"""The app that the commands belong to: help, errors, and output on the terminal.
 
-The module of a command is loaded when the command is called: a shell completes, and the commands are listed, at once.
+A command's module is loaded when the command is called, so completion and the list of commands appear at once.
 """
 
 from __future__ import annotations
 
+import re
+import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from copy import copy
 from importlib import import_module
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypeAlias
 
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -16,19 +19,26 @@ from rich.markup import escape
 from rich.protocol import is_renderable
 from rich.segment import Segment
 from rich.text import Text
+from typer.core import TyperCommand, TyperGroup
 
 from .. import __version__, stopping
 from ..core.printable import printable
-from .help import Click, Command, Group, UsageError
+from .flag_names import with_flags
+
+Click: TypeAlias = Any
+"""Contexts, parameters and formatters of click, which new versions of typer include."""
+UsageError: Any = typer.BadParameter.__base__
+SHORT_HELP = "mitsuba_sensor.first"
+"""Key in the notes of a context: the names of the options that short help shows."""
 
 
 class PrintableConsole(Console):
-    """A console whose styles are our own: control characters in the texts themselves are escaped."""
+    """A console that escapes the control characters of texts; only our own styles reach the terminal."""
 
     def render(
         self, renderable: RenderableType, options: ConsoleOptions | None = None
     ) -> Iterable[Segment]:
-        """Pieces of text with a style; those of a progress bar that move the cursor stay as they are."""
+        """Yield segments; a progress bar's control segments, which move the cursor, stay unchanged."""
         for text, style, control in super().render(renderable, options):
             yield Segment(text if control else printable(text, keep="\n"), style, control)
 
@@ -44,45 +54,117 @@ class Listed(NamedTuple):
     summary: str
 
 
-PICTURES, THINGS, CHECKS = (
-    "From a scene to frames",
-    "Cameras and scenes",
-    "How good, and whether it works",
-)
+PICTURES, THINGS, CHECKS = "From a scene to frames", "Cameras and scenes", "Quality and checks"
 COMMANDS = {
     "render": Listed("commands", PICTURES, "Render a scene and expose a camera to it."),
-    "expose": Listed(
-        "commands", PICTURES, "Expose a camera to light that is rendered already."
-    ),
-    "budget": Listed("budget", PICTURES, "How much noise each source of a camera adds."),
-    "plan": Listed("commands", PICTURES, "Which noise sources matter here, and which do not."),
-    "cameras": Listed("catalogue", THINGS, "Cameras by name, and camera files of your own."),
-    "scenes": Listed("scenes", THINGS, "Scenes by name, and copies of them to change."),
-    "fpn-maps": Listed("commands", THINGS, "Write the fixed-pattern noise maps of one camera."),
-    "lint": Listed("commands", THINGS, "Say what in a scene is black or wrong for a camera."),
-    "dataset": Listed("datasets", THINGS, "Raw frames by the thousand, from one TOML file."),
-    "characterize": Listed("laboratory", CHECKS, "Measure a camera as EMVA 1288 does."),
+    "expose": Listed("commands", PICTURES, "Expose a camera to light from an earlier render."),
+    "budget": Listed("budget", PICTURES, "Show the noise from each source, or the SNR curve."),
+    "plan": Listed("commands", PICTURES, "Show which sensor stages matter for this light."),
+    "cameras": Listed("catalogue", THINGS, "List, show, write and check camera files."),
+    "scenes": Listed("catalogue", THINGS, "List, show and copy the included scenes."),
+    "fpn-maps": Listed("commands", THINGS, "Write a camera's fixed-pattern noise maps."),
+    "lint": Listed("commands", THINGS, "Find what in a scene is black or wrong for a camera."),
+    "dataset": Listed("datasets", THINGS, "Make thousands of raw frames from one TOML file."),
+    "characterize": Listed("laboratory", CHECKS, "Measure a camera as EMVA 1288 requires."),
     "sheet": Listed(
-        "sheets", CHECKS, "Charts in front of a camera, every figure beside theory."
+        "sheets", CHECKS, "Measure image quality with test charts, next to theory."
     ),
-    "fit": Listed("twins", CHECKS, "Fit a camera file to bias, dark and flat frames."),
-    "study": Listed("studies", CHECKS, "Error against run time, and what can be left out."),
+    "fit": Listed("laboratory", CHECKS, "Fit a camera file to bias, dark and flat frames."),
+    "study": Listed("studies", CHECKS, "Compare error and run time; find what can be omitted."),
     "doctor": Listed("commands", CHECKS, "Find out what works on this machine."),
 }
 """In the order of use."""
 
 
+class Group(TyperGroup):
+    """Commands under one name; the name alone shows its help."""
+
+    def parse_args(self, ctx: Click, args: list[str]) -> list[str]:
+        """Exit with code 2 if no command is given, because nothing was done."""
+        if not args and self.no_args_is_help and not ctx.resilient_parsing:
+            if text := ctx.get_help():  # rich prints it itself
+                typer.echo(text)
+            raise typer.Exit(2)
+        return super().parse_args(ctx, args)
+
+    def get_params(self, ctx: Click) -> list[Click]:
+        """Return the options; a switch is shown without a value."""
+        return _with_bare_switches(super().get_params(ctx))
+
+
+class Command(TyperCommand):
+    """A command whose help first shows the options that ``flags(first=…)`` names."""
+
+    def __init__(self, name: str | None, **settings: Click) -> None:
+        super().__init__(name, **settings)
+        paragraphs = (self.help or "").split("\n\n")
+        self.help = escape("\n\n".join(" ".join(one.split()) for one in paragraphs))
+
+    def get_params(self, ctx: Click) -> list[Click]:
+        """Return arguments and options; short help shows only the first options, each with its first clause."""
+        params = _with_bare_switches(super().get_params(ctx))
+        if not ctx.meta.get(SHORT_HELP):
+            return params
+        params = [copy(param) for param in params]
+        for param in params:
+            if param.param_type_name == "option":
+                param.hidden = param.name not in (*ctx.meta[SHORT_HELP], "help", "help_all")
+                param.help = re.split(r"(?<!e\.g)\. |[;:] |\.$", param.help or "")[0]
+                param.rich_help_panel = None
+        return params
+
+    def invoke(self, ctx: Click) -> object:
+        """Run the command and report its progress."""
+        from .progress import lines_while_working
+
+        with lines_while_working(sys.stderr.isatty()):
+            return super().invoke(ctx)
+
+    def format_help(self, ctx: Click, formatter: Click) -> None:
+        """Show the first options and the number of the others; all options if none are named first."""
+        ctx.meta[SHORT_HELP] = getattr(self.callback, "first", ())
+        super().format_help(ctx, formatter)
+        if ctx.meta[SHORT_HELP]:
+            more = sum(getattr(param, "hidden", False) for param in self.get_params(ctx))
+            typer.echo(f" {more} more options and details: {ctx.command_path} --help-all")
+
+
+def show_all(ctx: typer.Context, is_given: bool) -> None:
+    """Show every option for ``--help-all``."""
+    if is_given and not ctx.resilient_parsing:
+        command: Click = ctx.command
+        TyperCommand.format_help(command, ctx, ctx.make_formatter())
+        raise typer.Exit
+
+
+def commands_below(group: Click, names: str = "") -> Iterator[tuple[str, Click]]:
+    """Yield each command with the names that call it, in the order of use."""
+    for name in group.list_commands(None):
+        command = group.get_command(None, name)
+        if hasattr(command, "list_commands"):
+            yield from commands_below(command, f"{names}{name} ")
+        else:
+            yield f"{names}{name}", command
+
+
+def _with_bare_switches(params: list[Click]) -> list[Click]:
+    for param in params:
+        if getattr(param, "is_flag", False):
+            param.metavar = ""
+    return params
+
+
 class Program(Group):
-    """Runs a command: what a user did wrong becomes one sentence on stderr and exit code 2 (a full disk: 3)."""
+    """Runs a command. A user's mistake becomes one sentence on stderr and exit code 2 (a full disk: 3)."""
 
     only_names = False
 
     def list_commands(self, ctx: Click) -> list[str]:
-        """Those of COMMANDS."""
+        """Return the names of COMMANDS."""
         return list(COMMANDS)
 
     def get_command(self, ctx: Click, cmd_name: str) -> Click:
-        """The command with all its options, or, where commands are only listed, its name and summary."""
+        """Return the command with all options, or only its name and summary while commands are listed."""
         listed = COMMANDS.get(cmd_name)
         if self.only_names and listed:
             return Command(cmd_name, help=listed.summary, rich_help_panel=listed.panel)
@@ -95,28 +177,29 @@ class Program(Group):
         return self.commands.get(cmd_name)
 
     def format_help(self, ctx: Click, formatter: Click) -> None:
-        """The commands by name and summary."""
+        """Show the commands by name and summary."""
         self.only_names = True
         super().format_help(ctx, formatter)
         self.only_names = False
 
     def shell_complete(self, ctx: Click, incomplete: str) -> Click:
-        """Names of commands and of the program's own options."""
+        """Propose the commands and the program's own options."""
         self.only_names = True
         proposals = super().shell_complete(ctx, incomplete)
         self.only_names = False
         return proposals
 
-    def make_context(self, *given: Click, **more: Click) -> Click:
-        """The program's own options are read here."""
+    def make_context(self, info_name: str | None, args: list[str], **more: Click) -> Click:
+        """Read the program's own options."""
+        as_json = "--json" in args
         try:
-            return super().make_context(*given, **more)
+            return super().make_context(info_name, args, **more)
         except UsageError as error:
-            _say(error, False)
+            _tell(error, as_json)
             raise typer.Exit(2) from None
 
     def invoke(self, ctx: Click) -> object:
-        """Run the command that was called; errors end here."""
+        """Run the command that was called and turn errors into sentences."""
         from ..core import DiskFull, InputError, SensorWarning
         from ..render.variants import variant_restored
 
@@ -124,41 +207,51 @@ class Program(Group):
         as_json = "--json" in (*ctx._protected_args, *ctx.args)
         try:
             with warnings.catch_warnings(), variant_restored():
-                warnings.simplefilter("ignore", SensorWarning)  # the notes are printed
+                warnings.simplefilter("ignore", SensorWarning)  # commands print the notes
                 return super().invoke(ctx)
-        except DiskFull as error:
-            _say(error, as_json)
-            raise typer.Exit(3) from None
         except (InputError, OSError, MemoryError, UsageError) as error:
-            _say(error, as_json)
-            raise typer.Exit(2) from None
-        except KeyboardInterrupt:  # where no signals can be waited for (Windows)
+            _tell(error, as_json)
+            raise typer.Exit(3 if isinstance(error, DiskFull) else 2) from None
+        except KeyboardInterrupt:  # where signals cannot be waited for (Windows)
             err.print(stopping.sentence(), markup=False, highlight=False, soft_wrap=True)
             raise typer.Exit(130) from None
 
 
-def _say(error: Exception, as_json: bool) -> None:
-    """One sentence on stderr; for programs that read JSON also {"error": sentence} on stdout."""
-    with stopping.whole_step:  # not if a stop has removed what this thread misses now
-        said = _sentence(error)
-        err.print(f"[bold red]error:[/] {escape(said)}", highlight=False, soft_wrap=True)
+def _tell(error: Exception, as_json: bool) -> None:
+    """Print one sentence on stderr, and with ``--json`` also {"error": sentence} on stdout."""
+    with stopping.whole_step:  # silent if a stop has removed what this thread misses now
+        sentence = with_flags(_sentence(error))
+        err.print(f"[bold red]error:[/] {escape(sentence)}", highlight=False, soft_wrap=True)
         if as_json:
-            show({"error": said}, True)
+            show({"error": sentence}, True)
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, UsageError):
+        usage: Any = error
+        names = usage.ctx.command_path.split()[1:] if usage.ctx else ()
+        path = " ".join(["mitsuba-sensor", *names])
+        return f"{usage.format_message().rstrip('.')}; see: {path} -h"
+    if isinstance(error, MemoryError):
+        return f"not enough memory ({error}); render a smaller image (--width), fewer bands or fewer frames."
+    if isinstance(error, OSError):
+        return f"{error.filename or 'the system'}: {error.strerror or error}."
+    return str(error)
 
 
 app = typer.Typer(
     cls=Program,
     no_args_is_help=True,
-    context_settings={"help_option_names": ["-h", "--help"]},  # of all commands
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
-    help="From a 3D scene to the raw frames of a camera, with the noise of every physical source.\n\n"
+    help="Turn a 3D scene into the raw frames of a camera, with the noise of every physical source.\n\n"
     "Start here: [bold]mitsuba-sensor render first_frame -o out/[/]",
 )
 
 
-def _show_version(asked: bool) -> None:
-    if asked:
+def _show_version(is_given: bool) -> None:
+    if is_given:
         typer.echo(f"mitsuba-sensor {__version__}")
         raise typer.Exit
 
@@ -175,41 +268,26 @@ def program(
         ),
     ] = False,
 ) -> None:
-    """What is asked of the program itself."""
+    """Read the program's own options."""
 
 
-def show(found: object, as_json: bool, shown: object = None) -> None:
-    """Print JSON whole and plain; for people ``shown``, or lines and tables of the same."""
+def show(facts: object, as_json: bool, shown: object = None) -> None:
+    """Print facts as plain JSON; for people print ``shown``, else lines and tables of the facts."""
     if as_json:
         from ..files.texts import to_json
 
-        typer.echo(to_json(found))
+        typer.echo(to_json(facts))
         return
-    what = found if shown is None else shown
-    if isinstance(what, str):
-        typer.echo(printable(what, keep="\n\t"))
+    shown = facts if shown is None else shown
+    if isinstance(shown, str):
+        typer.echo(printable(shown, keep="\n\t"))
     else:
         from .tables import view
 
-        what = what if is_renderable(what) else view(what)
-        out.print(what, highlight=False, crop=False)
+        out.print(shown if is_renderable(shown) else view(shown), highlight=False, crop=False)
 
 
 def show_remarks(as_json: bool, remarks: Iterable[str]) -> None:
-    """Lines below a result, which JSON does not have."""
+    """Print lines below a result; JSON output omits them."""
     for remark in () if as_json else remarks:
-        out.print(Text(remark), highlight=False)
-
-
-def _sentence(error: BaseException) -> str:
-    if isinstance(error, UsageError):
-        usage: Any = error
-        path = " ".join(
-            ["mitsuba-sensor", *(usage.ctx.command_path.split()[1:] if usage.ctx else ())]
-        )
-        return f"{usage.format_message().rstrip('.')}; see: {path} -h"
-    if isinstance(error, MemoryError):
-        return f"not enough memory ({error}); render a smaller picture (--width), fewer bands or fewer frames."
-    if isinstance(error, OSError):
-        return f"{error.filename or 'the system'}: {error.strerror or error}."
-    return str(error)
+        out.print(Text(with_flags(remark)), highlight=False)

@@ -1,142 +1,193 @@
-"""Arguments and flags that only the command line has: files, folders, how results are shown.
+"""Arguments and flags that only the command line has, and what a shell proposes for values.
 
 Paths are texts, because an empty text is no path, and ``Path("")`` is the current folder.
 """
 
-from collections.abc import Callable
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
 from typing import Annotated
 
 import typer
 
-from .completion import camera_names, scene_names, scenes_and_files, shell_files
-
+Proposals = Callable[[str], list[str]]
 OUTPUT = "Output"
+"""Title above the options for files and printed output."""
 
 
-def _argument(
-    metavar: str, help: str, completed: Callable[[str], list[str]] = shell_files
-) -> object:
+def one_of(values: Iterable[object]) -> Proposals:
+    """Propose the values that begin with the typed text."""
+    texts = [str(value) for value in values]
+    return lambda incomplete: [text for text in texts if text.startswith(incomplete)]
+
+
+def camera_names(incomplete: str) -> list[str]:
+    """Propose included cameras."""
+    from ..camera.shipped import list_cameras
+
+    return one_of(list_cameras())(incomplete)
+
+
+def scene_names(incomplete: str) -> list[str]:
+    """Propose included scenes."""
+    from ..files.shipped_scenes import list_scenes
+
+    return one_of(list_scenes())(incomplete)
+
+
+def scenes_and_files(incomplete: str) -> list[str]:
+    """Propose included scenes and files; if no scene fits, the shell completes files itself."""
+    names = scene_names(incomplete)
+    return names and names + one_of(sorted(os.listdir()))(incomplete)
+
+
+def camera_fields(incomplete: str) -> list[str]:
+    """Propose the fields of a camera, each with the = before its value."""
+    from ..camera.camera import Camera
+
+    sections = {name: field.annotation for name, field in Camera.model_fields.items()}
+    names = (
+        f"{name}.{field}="
+        for name, kind in sections.items()
+        for field in getattr(kind, "model_fields", ())
+    )
+    return one_of(names)(incomplete)
+
+
+def noise_source_names(incomplete: str) -> list[str]:
+    """Propose the noise sources that can be switched off."""
+    from ..camera.datasheet_checks import noise_sources
+
+    return one_of(noise_sources())(incomplete)
+
+
+def shell_files(incomplete: str) -> list[str]:
+    """Propose nothing, so the shell completes file names."""
+    return []
+
+
+def argument(metavar: str, help: str, completed: Proposals = shell_files) -> object:
+    """Return an argument of a command."""
     return typer.Argument(metavar=metavar, help=help, autocompletion=completed)
 
 
-def _out(metavar: str, help: str) -> object:
-    flags = ("-o", "--out")
+def output(*flags: str, help: str, metavar: str | None = None, panel: str = OUTPUT) -> object:
+    """Return an option with a file name, or a switch if ``metavar`` is None."""
     return typer.Option(
-        *flags, metavar=metavar, help=help, rich_help_panel=OUTPUT, autocompletion=shell_files
+        *flags, metavar=metavar, help=help, rich_help_panel=panel, autocompletion=shell_files
     )
 
 
-def _switch(flag: str, help: str) -> object:
-    return typer.Option(flag, help=help, rich_help_panel=OUTPUT)
+def _out(metavar: str, help: str) -> object:
+    return output("-o", "--out", metavar=metavar, help=help)
 
 
+CAMERA = "Name from `cameras list`, or path of a .toml file."
 Scene = Annotated[
     str,
-    _argument(
+    argument(
         "SCENE",
-        "A Mitsuba 3 scene file (.xml), or a name from `scenes list`; its film becomes the sensor's.",
+        "Mitsuba 3 scene file (.xml), or a name from `scenes list`. The sensor replaces the scene's film.",
         scenes_and_files,
     ),
 ]
 IrradianceFile = Annotated[
-    str, _argument("IRRADIANCE.exr", "Irradiance on the sensor, as `render` wrote it.")
+    str, argument("IRRADIANCE.exr", "Irradiance on the sensor, written by `render`.")
 ]
 SceneOrIrradiance = Annotated[
     str,
-    _argument(
+    argument(
         "SCENE_OR_EXR",
-        "A scene (a file, or a name from `scenes list`), which is rendered first, or an irradiance.exr.",
+        "Scene to render (a file, or a name from `scenes list`), or an irradiance.exr.",
         scenes_and_files,
     ),
 ]
 OptionalLight = Annotated[
     str | None,
-    _argument(
-        "[IRRADIANCE.exr]", "The light of a render, as `render` wrote it; or give --electrons."
+    argument(
+        "[IRRADIANCE.exr]", "Irradiance on the sensor, written by `render`; or use --electrons."
     ),
 ]
-SceneName = Annotated[str, _argument("NAME", "A name from `scenes list`.", scene_names)]
-CameraName = Annotated[
-    str,
-    _argument("NAME", "A name from `cameras list`, or the path of a .toml.", camera_names),
-]
+SceneName = Annotated[str, argument("NAME", "Name from `scenes list`.", scene_names)]
+CameraName = Annotated[str, argument("NAME", CAMERA, camera_names)]
 SheetCamera = Annotated[
     str | None,
-    _argument(
+    argument(
         "CAMERA",
-        "A name from `cameras list`, or the path of a .toml; with --frames, the one whose datasheet is compared.",
+        f"{CAMERA} With --frames, its datasheet is shown for comparison.",
         camera_names,
     ),
 ]
 SearchText = Annotated[
     list[str] | None,
-    _argument("[TEXT]...", "Only cameras with this text in name or description, e.g. imx477."),
+    argument("[TEXT]...", "Only cameras with this text in name or description, e.g. imx477."),
 ]
-NewFile = Annotated[str, _argument("FILE.toml", "The camera file to write.")]
+NewFile = Annotated[str, argument("FILE.toml", "Camera file to write.")]
 ImportedFiles = Annotated[
     list[str],
-    _argument(
+    argument(
         "FILE...",
         "A libcamera tuning file (.json), a noise calibration (.json, .csv), DNGs of one camera (.dng), an EMVA "
         "1288 report (.xml), a preset of getframes (.toml, getframes:NAME), or a geometric calibration of OpenCV "
         "(.yml, .xml), ROS (.yaml) or nerfstudio (transforms.json).",
     ),
 ]
-CopyFolder = Annotated[str, _argument("DIR", "Folder for the copy; made if needed.")]
-Out = Annotated[str, _out("DIR", "Folder for the results; made if needed.")]
-CameraFile = Annotated[str, _out("FILE.toml", "The camera file to write.")]
-MapFile = Annotated[str, _out("FILE.npz", "The file to write.")]
+CopyFolder = Annotated[str, argument("DIR", "Folder for the copy; created if missing.")]
+Out = Annotated[str, _out("DIR", "Folder for the results; created if missing.")]
+CameraFile = Annotated[str, _out("FILE.toml", "Camera file to write.")]
+MapFile = Annotated[str, _out("FILE.npz", "File to write.")]
 TwinFile = Annotated[
-    str, _out("FILE.toml", "The camera file to write; FILE.npz and FILE.html beside it.")
+    str, _out("FILE.toml", "Camera file to write, with FILE.npz and FILE.html next to it.")
 ]
 BenchFolder = Annotated[
     str,
-    typer.Option(
+    output(
         "--frames",
         metavar="DIR",
         help="Folder of bias, dark and flat frames (TIFF, PNG, NPY, FITS, DNG, camera raw), or its bench.toml; see "
         "docs/lab.md.",
-        rich_help_panel="Laboratory",
-        autocompletion=shell_files,
+        panel="Laboratory",
     ),
 ]
 ToleranceDn = Annotated[
     str,
-    typer.Option(
+    output(
         "--tolerance-dn",
         metavar="NUMBER",
-        help="Leave out stages that together move no number by more, in DN.",
-        rich_help_panel="Sensor",
+        help="Largest change of a pixel value that the omitted stages may cause together [DN].",
+        panel="Sensor",
     ),
 ]
 MeanElectrons = Annotated[
     str | None,
-    typer.Option(
+    output(
         "--electrons",
         metavar="NUMBER",
-        help="Mean photoelectrons of every pixel, in uniform light.",
-        rich_help_panel="Light",
+        help="Mean photoelectrons per pixel, in uniform light.",
+        panel="Light",
     ),
 ]
 Sweep = Annotated[
     bool,
-    typer.Option(
+    output(
         "--sweep",
-        help="The SNR curve instead: signal and noise at levels of uniform light, from 1 e- to 90 % of saturation.",
-        rich_help_panel="Light",
+        help="Show the SNR curve instead, from 1 e- to 90 % of saturation in uniform light.",
+        panel="Light",
     ),
 ]
 Compared = Annotated[
     tuple[str, str] | None,
-    typer.Option(
+    output(
         "--compare",
         metavar="A B",
-        help="Two sheets side by side: folders that this command wrote, or names of cameras.",
-        rich_help_panel="Sheet",
+        help="Compare two sheets: folders that this command wrote, or camera names.",
+        panel="Sheet",
     ),
 ]
-Force = Annotated[bool, _switch("--force", "Overwrite existing files.")]
+Force = Annotated[bool, output("--force", help="Overwrite existing files.")]
 Toml = Annotated[
-    bool, _switch("--toml", "A camera file with every key explained, to copy and change.")
+    bool,
+    output("--toml", help="Print a camera file that explains every key, to copy and change."),
 ]
-Json = Annotated[bool, _switch("--json", "Only JSON on stdout, for programs.")]
+Json = Annotated[bool, output("--json", help="Print only JSON on stdout, for programs.")]

@@ -1,8 +1,9 @@
-"""The command budget: what each noise source of a camera contributes, for so much light or that of a render."""
+"""The command budget: the noise from each source of a camera, or its SNR curve."""
 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,14 +11,16 @@ import mitsuba_sensor as ms
 
 from ..render.scene.scene_settings import SceneSettings
 from . import arguments, options
-from .app import app, show, show_remarks
-from .help import Command
-from .values import Flag, number
+from .app import Command, app, show, show_remarks
+from .options import Flag, number
+
+if TYPE_CHECKING:
+    from ..theory.snr_curve import SnrCurve
 
 FIRST = ("electrons", "sweep", "camera", "readout", "exposure_s", "gain", "settings", "as_json")
-SIDE = 128
-"""Rows and columns of pixels in uniform light, at most."""
-USUAL_TIME_S = 0.01
+SIDE_MAX_PX = 128
+"""Largest side of the uniformly lit window."""
+DEFAULT_TIME_S = 0.01
 
 
 @app.command(
@@ -32,125 +35,107 @@ def budget(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Say how much noise each source adds, in DN and percent, for a number of photoelectrons or the light of a render.
+    """Show the noise from each source, in DN and percent, for a number of photoelectrons or the light of a render.
 
-    Of a camera with several read-outs: of each of them, and what their combination has. Writes nothing. In Python:
-    frames.noise_budget().explain().
+    A camera with several readouts gets a budget for each readout and the noise of the combination. Writes no files. In
+    Python: frames.noise_budget().explain().
     """
     from ..core import InputError
-    from .inputs import camera_and_exposure, settings_of, taken_by_default
+    from .inputs import camera_and_exposure, defaults_line, settings_of
 
-    if sweep:
-        if irradiance is not None or electrons is not None or flags["readout"] is not None:
-            raise InputError(
-                "--sweep chooses the levels of light itself; leave out the light and --readout."
-            )
-        _show_sweep(as_json, flags)
-        return
-    if (irradiance is None) == (electrons is None):
+    readout = flags["readout"]
+    light = {"the irradiance": irradiance, "--electrons": electrons}
+    given = [name for name, value in light.items() if value is not None]
+    if sweep and (given or readout is not None):
+        names = " and ".join([*given, *(["--readout"] if readout is not None else [])])
+        raise InputError(f"--sweep sets the light and measures all readouts; omit {names}.")
+    if not sweep and len(given) != 1:
+        problem = " and ".join(given) + " both give the light" if given else "no light is given"
         raise InputError(
-            "give the light, and give it once: --electrons 1000 (mean photoelectrons of every pixel), or the "
-            "irradiance.exr of a render."
+            f"{problem}; give either --electrons 1000 (mean photoelectrons per pixel), or the irradiance.exr of a "
+            "render."
         )
-    readout = flags.pop("readout")
-    if irradiance is None:
-        settings = SceneSettings(exposure_s=USUAL_TIME_S)
-    else:
+    is_uniform = irradiance is None
+    settings = SceneSettings(exposure_s=DEFAULT_TIME_S)
+    if irradiance is not None:
         settings = settings_of(irradiance, flags)
-    camera, exposure = camera_and_exposure(flags, settings)
-    remarks = taken_by_default(flags, settings, camera)
-    if irradiance is None:
-        light: ms.Photons | ms.Irradiance = _uniform_light(electrons, camera, exposure)
-        if flags["exposure_s"] is None:
-            remarks.append(
-                f"taken by default: an exposure of {USUAL_TIME_S:g} s (--exposure-s)"
-            )
-    else:
-        light = ms.read_irradiance(irradiance)
-    frames = ms.expose(light, camera, exposure, progress=False)
+    camera, exposure = camera_and_exposure({**flags, "readout": None}, settings)
+    remarks = defaults_line(flags, settings, camera)
+    if is_uniform and flags["exposure_s"] is None:
+        remarks.append(f"default: exposure time {DEFAULT_TIME_S:g} s (--exposure-s)")
+    if is_uniform and not isinstance(exposure, ms.Exposure):
+        raise InputError(
+            "--exposure-s is auto, and uniform light has nothing to meter; give seconds, e.g. 0.01."
+        )
+    if sweep:
+        assert isinstance(exposure, ms.Exposure)
+        return _show_sweep(ms.snr_curve(camera, exposure), as_json, remarks)
+    source = _uniform_light(electrons, camera) if is_uniform else ms.read_irradiance(irradiance)
     if readout is not None:
-        camera.at_readout(readout)
-        frames = frames.readouts[readout]
+        camera.at_readout(readout)  # rejects unknown names
+    frames = ms.expose(source, camera, exposure, progress=False)
+    frames = frames if readout is None else frames.readouts[readout]
     show(_facts(frames), as_json, None if as_json else _text(frames))
     show_remarks(as_json, remarks)
 
 
-def _show_sweep(as_json: bool, flags: options.Flags) -> None:
-    """Show the SNR curve of the camera."""
-    from ..core import InputError
-    from .inputs import camera_and_exposure, taken_by_default
-
-    settings = SceneSettings(exposure_s=USUAL_TIME_S)
-    camera, exposure = camera_and_exposure(flags, settings)
-    if not isinstance(exposure, ms.Exposure):
-        raise InputError(
-            "--exposure-s is auto, and --sweep has no image to meter; give seconds, e.g. 0.01."
-        )
-    curve = ms.snr_curve(camera, exposure)
-    names = "electrons", "signal_dn", "temporal_dn", "spatial_dn", "snr", "total_snr"
-    rows = zip(*(getattr(curve, name) for name in names), strict=True)
-    show([dict(zip(names, map(float, row), strict=True)) for row in rows], as_json)
-    about = (
-        f"{curve.camera} at {curve.exposure.time_s:g} s; snr: signal over temporal noise (EMVA 1288); total_snr: over "
-        "temporal and spatial noise"
-    )
-    show_remarks(as_json, [about, *taken_by_default(flags, settings, camera)])
+def _show_sweep(curve: SnrCurve, as_json: bool, remarks: list[str]) -> None:
+    show(curve.rows, as_json, None if as_json else curve.explain())
+    about = "temporal SNR: signal over temporal noise (EMVA 1288); total SNR: over all noise"
+    show_remarks(as_json, [about, *remarks])
 
 
-def _uniform_light(electrons: str | None, camera: ms.Camera, exposure: object) -> ms.Photons:
-    """So many photoelectrons in every pixel."""
-    from ..core import InputError, require
+def _uniform_light(electrons: str | None, camera: ms.Camera) -> ms.Photons:
+    """Return this many photoelectrons in every pixel of a window."""
+    from ..core import require
 
     mean_e = require("electrons", number(str(electrons)), 0, 1e9, "per pixel, e.g. 1000")
-    if not isinstance(exposure, ms.Exposure):
-        raise InputError(
-            "--exposure-s is auto, and --electrons are those of one exposure; give its seconds."
-        )
-    rows, columns = (min(n, SIDE) for n in (camera.sensor.rows, camera.sensor.columns))
-    return ms.Photons(np.full((rows, columns), mean_e), detected=True)
+    shape = [min(n, SIDE_MAX_PX) for n in (camera.sensor.rows, camera.sensor.columns)]
+    return ms.Photons(np.full(shape, mean_e), detected=True)
 
 
 def _facts(frames: ms.Frames) -> object:
-    """The rows of the noise budget; of several read-outs those of each, and the combination."""
+    """Return the rows of the noise budget; with several readouts those of each readout, and the combination."""
     if not frames.camera.readouts:
         return [row._asdict() for row in frames.noise_budget().rows]
-    rows = {name: _facts(one) for name, one in frames.readouts.items()}
+    rows = {name: _facts(readout) for name, readout in frames.readouts.items()}
     return {"readouts": rows, "combination": _combination(frames)}
 
 
 def _combination(frames: ms.Frames) -> dict[str, object]:
-    """What theory says of the linear code, and by how many pixels each read-out alone counts.
+    """Return theory of the linear code, and the fraction of pixels that uses only one readout.
 
-    snr_db : of a pixel, mean over black against temporal noise; None in darkness.
+    snr_db : of a pixel, mean above the black level over temporal noise; None in the dark.
     """
     from ..output.readout_files import readout_facts
     from ..stages.stage import converter_of
 
-    found = frames.theory.averages(frames.stages[-1])
-    signal_dn, snr_db = found.mean - converter_of(frames.stages).black_level_dn, None
-    if signal_dn > 0 and found.temporal > 0:
-        snr_db = 20 * math.log10(signal_dn / math.sqrt(found.temporal))
+    law = frames.theory.averages(frames.stages[-1])
+    signal_dn, snr_db = law.mean - converter_of(frames.stages).black_level_dn, None
+    if signal_dn > 0 and law.temporal > 0:
+        snr_db = 20 * math.log10(signal_dn / math.sqrt(law.temporal))
     return {
-        "mean_dn": found.mean,
-        "temporal_dn2": found.temporal,
-        "spatial_dn2": found.spatial,
+        "mean_dn": law.mean,
+        "temporal_dn2": law.temporal,
+        "spatial_dn2": law.spatial,
         "snr_db": snr_db,
         "share_of_pixels": {
-            str(one["name"]): one["share_of_pixels"] for one in readout_facts(frames) or []
+            str(readout["name"]): readout["share_of_pixels"]
+            for readout in readout_facts(frames) or []
         },
     }
 
 
 def _text(frames: ms.Frames, name: str = "") -> str:
-    """The camera and its noise budget; of several read-outs that of each, and the combination."""
+    """Return the camera and its noise budget; with several readouts each budget, and the combination."""
     from .tables import cell
 
     if frames.camera.readouts:
-        each = [_text(one, name) for name, one in frames.readouts.items()]
+        each = [_text(readout, name) for name, readout in frames.readouts.items()]
         combined = (f"{key}: {cell(value)}" for key, value in _combination(frames).items())
         return "\n\n".join([*each, "\n".join(["combined", *combined])])
     camera, exposure = frames.camera, frames.first.exposure
-    readout = f", read-out {name}" if name else ""
+    readout = f", readout {name}" if name else ""
     setting = f" at gain {camera.gain}" if camera.gain is not None else ""
     return (
         f"{camera.name}{readout}{setting}, K = {camera.system_gain_dn_per_e:.4g} DN/e-, {exposure.time_s:g} s at "

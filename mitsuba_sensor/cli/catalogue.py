@@ -1,4 +1,4 @@
-"""The commands below cameras: the cameras and lens prescriptions that ship with the package."""
+"""The commands below cameras and scenes: included cameras, lenses and scenes, and your own camera files."""
 
 from __future__ import annotations
 
@@ -14,38 +14,44 @@ import mitsuba_sensor as ms
 
 from ..camera.fingerprint import flat_fields
 from ..camera.shipped import DEFAULT_CAMERA
+from ..core.id_groups import as_options, groups_of_ids
 from . import arguments, options
-from .app import app, show, show_remarks
-from .help import Command, Group
-from .values import Flag
+from .app import Command, Group, app, show, show_remarks
+from .options import Flag
 
 cameras = typer.Typer(
     cls=Group,
     no_args_is_help=True,
-    help="The cameras that ship with the package, their lenses, and camera files of your own.",
+    help="List and show the included cameras and lenses; write, import and check your own camera files.",
 )
 app.add_typer(cameras, name="cameras")
+scenes = typer.Typer(
+    cls=Group,
+    no_args_is_help=True,
+    help="List, show and copy the included scenes, which every command accepts by name.",
+)
+app.add_typer(scenes, name="scenes")
 
 
-@cameras.command("list", cls=Command)
+@cameras.command("list", cls=Command, epilog="Example: mitsuba-sensor cameras list sony")
 def list_command(search: arguments.SearchText = None, as_json: arguments.Json = False) -> None:
-    """The cameras that ship with the package, or those with a text in name or description: a sensor, a maker."""
+    """List the included cameras, or those with a text in name or description."""
     from ..camera.camera_file import cameras_with
     from ..core import InputError
 
     names = cameras_with(" ".join(search)) if search else ms.list_cameras()
     if not names:
         raise InputError(
-            f"no camera has {' '.join(search or ())!r} in name or description; `cameras list` has all of them."
+            f"no camera has {' '.join(search or ())!r} in its name or description; `cameras list` shows all cameras."
         )
-    found = []
-    for one in map(ms.load_camera, names):
-        facts: dict[str, object] = {"name": one.name}
-        facts |= one.sensor.model_dump(include={"technology", "columns", "rows"})
-        facts["gains"] = [setting.label for setting in one.gains]
-        facts["readouts"] = [readout.name for readout in one.readouts]
-        found.append(facts | {"description": one.description})
-    show(found, as_json)
+    rows = []
+    for camera in map(ms.load_camera, names):
+        facts: dict[str, object] = {"name": camera.name}
+        facts |= camera.sensor.model_dump(include={"technology", "columns", "rows"})
+        facts["gains"] = [setting.label for setting in camera.gains]
+        facts["readouts"] = [readout.name for readout in camera.readouts]
+        rows.append(facts | {"description": camera.description})
+    show(rows, as_json)
 
 
 @cameras.command(
@@ -57,24 +63,18 @@ def list_command(search: arguments.SearchText = None, as_json: arguments.Json = 
 def new_camera(
     new_file: arguments.NewFile, as_json: arguments.Json = False, **flags: Flag
 ) -> None:
-    """Write a camera file to change: every key with unit, range, meaning, and where its value comes from.
+    """Write a camera file to edit, with every key's unit, range, meaning and the source of its value.
 
-    It loads as the camera that it is like, or, with --emva, as the camera of an EMVA 1288 sheet. `cameras check FILE`
-    says what is wrong after a change.
+    The file is a copy of --like, or converts an EMVA 1288 sheet (--emva). Check your changes with `cameras check FILE`.
     """
     from ..camera.emva_sheet import camera_of_sheet, comparisons, read_sheet
     from ..core import InputError
     from . import inputs
 
-    file, changes = (
-        inputs.new_file(new_file, "my.toml", flags["force"]),
-        inputs.changes_of(flags),
-    )
-    name = flags["name"] or file.stem
+    file = inputs.new_file(new_file, "my.toml", flags["force"])
+    changes, name = inputs.changes_of(flags), flags["name"] or file.stem
     if flags["emva"] and flags["like"]:
-        raise InputError(
-            "--emva takes the numbers of a sheet, and --like those of a camera; give one of both."
-        )
+        raise InputError("--emva and --like both give the camera; omit one of them.")
     if flags["emva"]:
         sheet, source = read_sheet(flags["emva"]), "its EMVA 1288 sheet"
         description = flags["description"] or "by its EMVA 1288 sheet"
@@ -88,24 +88,25 @@ def new_camera(
 
 
 def _write(file: Path, camera: ms.Camera, as_json: bool, source: str, notes: list[str]) -> None:
-    """Write a camera file, and say where its numbers come from."""
+    """Write a camera file and print the sources of its numbers."""
     from ..files.texts import write_page
 
     write_page(file, camera.to_toml())
     sources = dict(camera.sources)
     assumed = sorted(field for field, text in sources.items() if text.startswith("assumed"))
-    found = {"file": str(file), "name": camera.name, "sources": sources, "assumed": assumed}
-    said = f"{file} is {camera.name}, from {source}: {len(assumed)} of {len(sources)} numbers are assumed"
-    show(found | {"notes": notes}, as_json, f"{said} (see [sources])")
-    after = f"change it, then: mitsuba-sensor cameras check {file}"
+    facts = {"file": str(file), "name": camera.name, "sources": sources, "assumed": assumed}
+    count = f"{len(assumed)} of {len(sources)} numbers are assumed (see [sources])"
+    shown = f"wrote {file}: camera {camera.name}, from {source}; {count}"
+    show(facts | {"notes": notes}, as_json, shown)
+    after = f"edit it, then run: mitsuba-sensor cameras check {file}"
     show_remarks(as_json, [*(f"note: {note}" for note in notes), after])
 
 
 def _like(like: ms.Camera, changes: Mapping[str, object]) -> tuple[ms.Camera, list[str]]:
-    """A camera with the numbers of another one but for some, and what is kept. Raises InputError.
+    """Return a changed copy of a camera, and notes. Raises InputError.
 
-    Sources and gain settings are kept where they are true of it: another K has no source, and gain settings whose
-    numbers are changed are left out.
+    The copy drops sources and gain settings that its changes made wrong: a changed K has no source, and changed
+    numbers have no gain settings.
     """
     from ..camera.camera import SET_BY_USER
     from ..camera.gain_ladder import SAME, SET
@@ -114,11 +115,13 @@ def _like(like: ms.Camera, changes: Mapping[str, object]) -> tuple[ms.Camera, li
     old_k, k = like.system_gain_dn_per_e, camera.system_gain_dn_per_e
     same_k = math.isclose(old_k, k, rel_tol=SAME)
     if not same_k:
-        notes.append(f"K is {k:.4g} DN/e- (that of {like.name}: {old_k:.4g})")
+        notes.append(f"K is {k:.4g} DN/e- ({like.name}: {old_k:.4g} DN/e-)")
     is_stale = not same_k or bool({*SET.values()} & changes.keys())
     if like.gains and "gains" not in changes and is_stale:
         camera = camera.replace(gains=None, gain=None)
-        notes.append("its gain settings are left out, because they have other numbers")
+        notes.append(
+            "removed the gain settings, whose numbers differ; add [[gains]] to the file"
+        )
     sources = dict(camera.sources)
     for field, text in sources.items():
         if camera.name != like.name and text != SET_BY_USER:
@@ -140,10 +143,10 @@ def import_command(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Make a camera file of what another program measured: noise models, calibrations, reports, presets.
+    """Write a camera file from another program's noise model, calibration, report or preset.
 
-    [sources] of the file says where each number comes from; what the source does not say is marked "assumed:". --set
-    fields of the camera that it is like hold for the conversion, adc.bits for example.
+    [sources] in the file states the origin of each number; values missing from the source are marked "assumed:". --set
+    changes the --like camera before the conversion, e.g. adc.bits.
     """
     from ..output.importers.import_camera import import_camera
     from .inputs import changes_of, new_file
@@ -159,32 +162,32 @@ def import_command(
 def check_camera(
     name: arguments.CameraName, as_json: arguments.Json = False, **flags: Flag
 ) -> None:
-    """All that is wrong in a camera file, with line numbers, and values that are allowed but unusual.
+    """List all errors in a camera file with their lines, and values that are allowed but unusual.
 
-    Exit code: 0 if there are at most warnings, 2 if the file cannot be used.
+    Exit code: 0 without errors, 2 if the file cannot be used.
     """
     from ..optics import image_record
     from .inputs import changes_of
+    from .tables import counted
 
-    found, changes = ms.check_camera(name), changes_of(flags)
-    if changes and not any(one.level == "error" for one in found):
+    findings, changes = ms.check_camera(name), changes_of(flags)
+    if changes and not any(finding.level == "error" for finding in findings):
         changed = ms.load_camera(name).replace(**changes).to_toml()
         of_changed = ms.check_camera(tomllib.loads(changed))
-        found = tuple(replace(one, file=f"{name} with --set") for one in of_changed)
-    is_wrong = any(one.level == "error" for one in found)
-    checked: dict[str, object] = {"findings": [one.to_dict() for one in found]}
-    checked |= {"airy_disk": None, "pixel_mtf": None}
-    lines = [*map(str, found)]
-    if not is_wrong:
+        findings = tuple(replace(finding, file=f"{name} with --set") for finding in of_changed)
+    levels = [finding.level for finding in findings]
+    facts: dict[str, object] = {"findings": [finding.to_dict() for finding in findings]}
+    facts |= {"airy_disk": None, "pixel_mtf": None}
+    lines = [*map(str, findings)]
+    if "error" not in levels:
         camera = ms.load_camera(name).replace(**changes)
         lines += [f"{name}: {line}" for line in image_record.optics_sentences(camera)]
-        checked["airy_disk"] = image_record.airy_record(camera)
-        checked["pixel_mtf"] = image_record.pixel_mtf_record(camera)
-    levels = [one.level for one in found]
-    counts = [f"{levels.count(x)} {x}(s)" for x in ("error", "warning") if x in levels]
-    lines.append(f"{name}: {', '.join(counts) or 'nothing is wrong'}")
-    show(checked, as_json, "\n".join(lines))
-    if is_wrong:
+        facts["airy_disk"] = image_record.airy_record(camera)
+        facts["pixel_mtf"] = image_record.pixel_mtf_record(camera)
+    counts = [counted(levels.count(x), x) for x in ("error", "warning") if x in levels]
+    lines.append(f"{name}: {', '.join(counts) or 'no errors'}")
+    show(facts, as_json, "\n".join(lines))
+    if "error" in levels:
         raise typer.Exit(2)
 
 
@@ -194,50 +197,48 @@ def check_camera(
 def show_camera(
     name: arguments.CameraName, as_toml: arguments.Toml = False, as_json: arguments.Json = False
 ) -> None:
-    """Every number of one camera, with its unit (the end of the field's name) and where it comes from."""
+    """Show every number of one camera with its source; the unit ends the field's name."""
     from ..camera.figures import emva_figures, figures_if_any
     from ..theory.dynamic_range import hdr_figures
 
     camera, dark = ms.load_camera(name), ms.Exposure(0.0)
     if as_toml:
         return show(camera.to_toml().rstrip("\n"), False)
-    fields, figures = camera.model_dump(mode="json"), figures_if_any(camera)
+    figures = figures_if_any(camera)
     hdr = hdr_figures(camera, dark).to_dict() if camera.readouts else None
-    notes = {"sources": dict(camera.sources), "notes": list(camera.notes)}
-    found = {**fields, **notes, "emva1288": figures and figures.to_dict(), "hdr": hdr}
-    tables: dict[str, object] = {"fields": _fields(camera)}
+    facts = camera.model_dump(mode="json")
+    facts |= {"sources": dict(camera.sources), "notes": list(camera.notes)}
+    facts |= {"emva1288": figures and figures.to_dict(), "hdr": hdr}
+    numbers = camera.model_dump(mode="json", exclude={"sources", "gains", "readouts"})
+    tables: dict[str, object] = {
+        "fields": [
+            {"field": field, "value": value, "source": camera.sources.get(field, "")}
+            for field, value in flat_fields(numbers)
+        ]
+    }
     if camera.gains:
         tables["gain settings"] = [
-            {"gain setting": f"{one.label}{' (set)' if one.label == camera.gain else ''}"}
-            | one.model_dump(exclude={"name", "iso"}, exclude_none=True)
-            for one in camera.gains
+            {"gain setting": f"{gain.label}{' (set)' if gain.label == camera.gain else ''}"}
+            | gain.model_dump(exclude={"name", "iso"}, exclude_none=True)
+            for gain in camera.gains
         ]
     if camera.readouts:
-        tables["read-outs"] = {
-            name: {x.symbol: x.value for x in emva_figures(one, dark).table()}
+        tables["readouts"] = {
+            name: {figure.symbol: figure.value for figure in emva_figures(one, dark).table()}
             for name, one in camera.readout_cameras.items()
         }
         tables["combined"] = [hdr]
     if figures:
         both = ", of both photodiodes together" if camera.sensor.dual_pixel else ""
         title = f"EMVA 1288, from the datasheet, short exposure{both}"
-        tables[title] = [one._asdict() for one in figures.table()]
-    show(found, as_json, tables)
+        tables[title] = [figure._asdict() for figure in figures.table()]
+    show(facts, as_json, tables)
     show_remarks(as_json, [f"note: {note}" for note in camera.notes])
-
-
-def _fields(camera: ms.Camera) -> list[dict[str, object]]:
-    """A row for every number of the camera."""
-    own = camera.model_dump(mode="json", exclude={"sources", "gains", "readouts"})
-    return [
-        {"field": name, "value": value, "source": camera.sources.get(name, "")}
-        for name, value in flat_fields(own)
-    ]
 
 
 @cameras.command(cls=Command)
 def fields() -> None:
-    """Every key of a camera file with unit, range, default and meaning, as the Markdown tables of docs."""
+    """Print every key of a camera file with unit, range, default and meaning, as Markdown tables."""
     from ..camera.camera import Camera
     from ..camera.field_catalogue import markdown
 
@@ -246,7 +247,7 @@ def fields() -> None:
 
 @cameras.command(cls=Command)
 def schema() -> None:
-    """The JSON Schema of a camera file: every field, its unit and its allowed range."""
+    """Print the JSON Schema of a camera file."""
     from ..camera.camera import Camera
 
     show(Camera.model_json_schema(), True)
@@ -254,7 +255,7 @@ def schema() -> None:
 
 @cameras.command(cls=Command)
 def stages() -> None:
-    """The stages of the sensor in their order, as the Markdown table of docs."""
+    """Print the stages of the sensor in their order, as a Markdown table."""
     from ..stages.chain import stage_table
 
     show(stage_table(), False)
@@ -262,19 +263,73 @@ def stages() -> None:
 
 @cameras.command(cls=Command)
 def lenses(as_json: arguments.Json = False) -> None:
-    """The lens prescriptions that ship with the package, for `render --set lens.prescription=NAME`."""
+    """List the included lens prescriptions, for `render --set lens.prescription=NAME`."""
     from ..camera.lens_file import list_lenses
     from ..optics.traced_lens import cardinal_points
 
-    found = []
-    for name in list_lenses():  # every lens can close to f/64
-        closed = {"lens.f_number": 64.0, "lens.prescription": name}
+    rows = []
+    for name in list_lenses():
+        closed = {
+            "lens.f_number": 64.0,
+            "lens.prescription": name,
+        }  # every lens can close to f/64
         lens = ms.load_camera(DEFAULT_CAMERA).replace(**closed).lens
         prescription = lens.prescription
         assert prescription is not None
-        focal_mm = cardinal_points(lens).focal_length
-        facts = {"name": prescription.name, "focal_length_mm": focal_mm}
-        found.append(
-            {**facts, "surfaces": len(prescription.surfaces), "source": prescription.source}
+        rows.append(
+            {
+                "name": prescription.name,
+                "focal_length_mm": cardinal_points(lens).focal_length,
+                "surfaces": len(prescription.surfaces),
+                "source": prescription.source,
+            }
         )
-    show(found, as_json)
+    show(rows, as_json)
+
+
+@scenes.command("list", cls=Command)
+def list_scenes_command(as_json: arguments.Json = False) -> None:
+    """List the included scenes."""
+    from ..files.shipped_scenes import list_scenes, scene_description
+
+    rows = [{"name": name, "description": scene_description(name)} for name in list_scenes()]
+    show(rows, as_json)
+
+
+@scenes.command("show", cls=Command, epilog="Example: mitsuba-sensor scenes show still_life")
+def show_scene(name: arguments.SceneName, as_json: arguments.Json = False) -> None:
+    """Show the parameters of one scene for `-D NAME=VALUE`, its sensors, its emitters and its file."""
+    from ..files import shipped_scenes
+
+    emitters = shipped_scenes.scene_emitters(name)
+    facts = {
+        "name": name,
+        "description": shipped_scenes.scene_description(name),
+        "file": str(shipped_scenes.scene_file(name)),
+        "sensors": shipped_scenes.scene_sensors(name),
+        "emitters": [emitter._asdict() for emitter in emitters],
+        "parameters": [one._asdict() for one in shipped_scenes.scene_parameters(name)],
+    }
+    show(facts, as_json)
+    ids = dict.fromkeys(emitter.id for emitter in emitters if emitter.id)
+    if len(ids) > 1:
+        groups = as_options(groups_of_ids(ids))
+        show_remarks(as_json, [f"light groups that the ids suggest: {groups}"])
+
+
+@scenes.command(
+    "copy", cls=Command, epilog="Example: mitsuba-sensor scenes copy still_life my_scene/"
+)
+def copy_command(
+    name: arguments.SceneName,
+    folder: arguments.CopyFolder,
+    force: arguments.Force = False,
+    as_json: arguments.Json = False,
+) -> None:
+    """Copy one scene and all its files into a folder, to edit it there."""
+    from ..files.scene_copies import copy_scene
+
+    files = [str(file) for file in copy_scene(name, folder, force)]
+    show({"files": files}, as_json, "\n".join(f"wrote {file}" for file in files))
+    after = f"edit it, then run: mitsuba-sensor render {files[0]} -o out/"
+    show_remarks(as_json, [after])

@@ -1,4 +1,4 @@
-"""The commands render, expose, plan, fpn-maps, doctor and lint: from a scene, or from its irradiance, to raw frames."""
+"""The commands render, expose, plan, fpn-maps, doctor and lint."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from ..capture_options import (
 from ..core.options import complete
 from ..render.options import RawLightOptions, RenderOptions, SceneOptions, UnitOptions
 from . import arguments, options
-from .app import app, err, show, show_remarks
-from .help import Command
-from .values import Flag, number
+from .app import Command, app, err, show, show_remarks
+from .flag_names import with_flags
+from .options import Flag, number
 
 FIRST_OF_CAMERA = ("camera", "exposure_s", "gain", "settings")
 FIRST_OF_EXPOSE = ("out_dir", "dng", "clean", "page", "as_json", *FIRST_OF_CAMERA, "frames")
-FIRST_OF_RENDER = (*FIRST_OF_EXPOSE, "width", "spp")
+FIRST_OF_RENDER = (*FIRST_OF_EXPOSE, "width", "spp", "luminance")
 FIRST_OF_PLAN = ("as_json", *FIRST_OF_CAMERA, "width", "spp", "tolerance_dn")
-"""Options that people use first, as ``--help`` shows them."""
+"""Options in short ``--help``."""
 
 
 @app.command(
@@ -43,28 +43,28 @@ def render(
 ) -> None:
     """Render SCENE and expose a camera to it.
 
-    Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR (and the files of --dng, --aovs, --clean and
-    --page if asked for): all, or none. With --sensor all these are in DIR/NAME for each sensor of the scene.
+    Writes frame.tiff, frame.png, irradiance.exr and frame.json into DIR, and the files that --dng, --aovs, --clean and
+    --page add. --sensor all writes them into DIR/NAME for each sensor of the scene.
     """
     from ..files.appearing import output_folder
     from ..files.sensor_names import ALL_SENSORS
     from ..output.frame_files import CAPTURE_FILES
-    from .inputs import render_input, taken_by_default
+    from .inputs import defaults_line, render_input
     from .progress import render_progress
 
     if flags["sensor"] == ALL_SENSORS:
         return _render_sensors(scene, Path(out_dir), as_json, flags)
-    given, asked = render_input(scene, flags)
+    given, others = render_input(scene, flags)
     with (
         output_folder(out_dir, CAPTURE_FILES) as folder,
-        render_progress(err, asked) as progress,
+        render_progress(err, others) as progress,
     ):
-        found = ms.capture(
-            given.scene, given.camera, given.exposure, progress=progress, **asked
+        capture = ms.capture(
+            given.scene, given.camera, given.exposure, progress=progress, **others
         )
-        found.save(folder)
-    defaults = taken_by_default(flags, given.scene.settings, given.camera)
-    _print_frames(found.metadata, out_dir, CAPTURE_FILES, as_json, defaults)
+        capture.save(folder)
+    defaults = defaults_line(flags, given.scene.settings, given.camera)
+    _print_frames(capture.metadata, out_dir, CAPTURE_FILES, as_json, defaults)
 
 
 def _print_frames(
@@ -74,39 +74,39 @@ def _print_frames(
     as_json: bool,
     remarks: Sequence[str],
 ) -> None:
-    """frame.json, or its summary and which files there are.  names : of the files that the command writes."""
+    """Print frame.json, or its summary and the written files.  names : of the files that the command writes."""
     from .inputs import written
-    from .terminal import summary
+    from .summaries import summary
 
     show(report, as_json, summary(report, folder))
     show_remarks(as_json, [*remarks, written(folder, names)])
 
 
 def _render_sensors(scene: str, out_dir: Path, as_json: bool, flags: options.Flags) -> None:
-    """``render --sensor all``: a folder below ``out_dir`` for each sensor of the scene."""
+    """Render for ``--sensor all`` into one folder for each sensor of the scene."""
     from ..capture import capture_sensors
     from ..files.appearing import output_folders
     from ..output.frame_files import CAPTURE_FILES
-    from .inputs import render_inputs, taken_by_default
+    from .inputs import defaults_line, render_inputs
     from .progress import render_progress
 
-    views, flags_left = render_inputs(scene, flags)
-    asked = complete(CaptureOptions, flags_left)
-    check_asked_files(asked)
+    views, others = render_inputs(scene, flags)
+    completed = complete(CaptureOptions, others)
+    check_asked_files(completed)
     with (
         output_folders(out_dir, views, CAPTURE_FILES) as folders,
-        render_progress(err, flags_left) as progress,
+        render_progress(err, others) as progress,
     ):
-        found = capture_sensors(views, asked, progress)
-        for name, one in found.sensors.items():
-            one.write(folders[name])
+        sensors = capture_sensors(views, completed, progress).sensors
+        for name, capture in sensors.items():
+            capture.write(folders[name])
     if as_json:
-        return show({name: one.metadata for name, one in found.sensors.items()}, True)
-    for name, one in found.sensors.items():
-        camera = views[name].camera
-        assert camera is not None
-        defaults = taken_by_default(flags, views[name].scene.settings, camera)
-        _print_frames(one.metadata, str(out_dir / name), CAPTURE_FILES, False, defaults)
+        return show({name: capture.metadata for name, capture in sensors.items()}, True)
+    for name, capture in sensors.items():
+        view = views[name]
+        assert view.camera is not None
+        defaults = defaults_line(flags, view.scene.settings, view.camera)
+        _print_frames(capture.metadata, str(out_dir / name), CAPTURE_FILES, False, defaults)
 
 
 @app.command(
@@ -126,15 +126,14 @@ def expose(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Expose a camera to irradiance that is already rendered: another time, camera or seed at no cost.
+    """Expose a camera to the light of an earlier render, with another exposure, camera or seed.
 
-    Camera, exposure and serial number are those that it was rendered for, unless you give others.
-    Writes frame.tiff, frame.png and frame.json into DIR (and those of --dng, --clean and --page if asked for): all, or
-    none.
+    Camera, exposure and serial number default to those of the render. Writes frame.tiff, frame.png and frame.json into
+    DIR, and the files that --dng, --clean and --page add.
     """
     from ..files.appearing import output_folder, refuse_empty
     from ..output.frame_files import FRAME_FILES
-    from .inputs import camera_and_exposure, other_flags, settings_of, taken_by_default
+    from .inputs import camera_and_exposure, defaults_line, other_flags, settings_of
     from .progress import render_progress
 
     refuse_empty(irradiance, "irradiance", "give the path of an irradiance.exr")
@@ -147,10 +146,10 @@ def expose(
         light = ms.read_irradiance(irradiance, camera=camera, **foreign)
     bar = render_progress(err, {}, "reading the light")
     with output_folder(out_dir, FRAME_FILES) as folder, bar as progress:
-        found = ms.capture(light, camera, exposure, progress=progress, **other_flags(flags))
-        found.save(folder)
-    defaults = taken_by_default(flags, settings, camera)
-    _print_frames(found.metadata, out_dir, FRAME_FILES, as_json, defaults)
+        capture = ms.capture(light, camera, exposure, progress=progress, **other_flags(flags))
+        capture.save(folder)
+    defaults = defaults_line(flags, settings, camera)
+    _print_frames(capture.metadata, out_dir, FRAME_FILES, as_json, defaults)
 
 
 @app.command(
@@ -166,11 +165,14 @@ def plan(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Say which stages this light and exposure need, and how far each moves the numbers. Writes nothing."""
+    """Show which sensor stages this light and exposure need, and how far each one changes pixel values.
+
+    Writes no files.
+    """
     from ..core import InputError, require
     from ..render.light.photons import metered
     from ..sensor.metering import Metering
-    from .inputs import camera_and_exposure, render_input, settings_of, taken_by_default
+    from .inputs import camera_and_exposure, defaults_line, render_input, settings_of
     from .progress import render_progress
 
     tolerance = require(
@@ -180,42 +182,42 @@ def plan(
     lights = complete(LevelOptions, {"lights": flags.pop("lights")})["lights"]
     if source.lower().endswith(".exr"):
         _refuse_lens(flags, foreign["unit"])
-        wavelength_nm, flags["wavelength_nm"] = flags["wavelength_nm"], None
+        foreign["wavelength_nm"], flags["wavelength_nm"] = flags["wavelength_nm"], None
         refuse_render_options(flags)
         settings = settings_of(source, flags)
         camera, exposure = camera_and_exposure(flags, settings)
-        light = ms.read_irradiance(
-            source, wavelength_nm=wavelength_nm, camera=camera, **foreign
-        )
+        light = ms.read_irradiance(source, camera=camera, **foreign)
         light = light.before_denoising() if flags["raw_light"] else light
     else:
         if any(value is not None for value in foreign.values()):
             raise InputError(
-                f"{source} is a scene, which is rendered; leave --unit, --fov-deg and --layer out."
+                f"{source} is a scene to render; omit --unit, --fov-deg and --layer, which describe an EXR file."
             )
-        given, asked = render_input(source, flags)
+        given, others = render_input(source, flags)
         settings, camera, exposure = given.scene.settings, given.camera, given.exposure
-        with render_progress(err, asked) as progress:
-            light = ms.render(given.scene, camera, exposure, progress=progress, **asked)
+        with render_progress(err, others) as progress:
+            light = ms.render(given.scene, camera, exposure, progress=progress, **others)
     if lights is not None:
         light = light.with_lights(lights)
     if isinstance(exposure, Metering):
         exposure = metered(light, camera, exposure)
     photons = ms.collect(light, camera, exposure)
-    found = ms.plan(camera, exposure, photons, tolerance_dn=tolerance)
-    show(found.to_dict(), as_json, found.explain())
-    show_remarks(as_json, taken_by_default(flags, settings, camera))
+    plan = ms.plan(camera, exposure, photons, tolerance_dn=tolerance)
+    show(plan.to_dict(), as_json, plan.explain())
+    show_remarks(as_json, defaults_line(flags, settings, camera))
 
 
 def _refuse_lens(flags: options.Flags, unit: str | None) -> None:
-    """The irradiance is behind the lens already: another lens needs another render. unit : of another program's light,
-    which may be in front of it."""
+    """Raise InputError for changes of the lens, whose effect is already in the irradiance.
+
+    unit : of another program's light, which may be radiance in front of the lens.
+    """
     from ..core import InputError
 
     for field in flags["settings"] or ():
         if field.startswith("lens.") and not (unit or "").startswith("radiance"):
             raise InputError(
-                f"--set {field} comes too late: the irradiance is behind the lens already; set it in `render`."
+                f"--set {field} has no effect on this irradiance, which already passed the lens; set it in `render`."
             )
 
 
@@ -233,40 +235,46 @@ def _refuse_lens(flags: options.Flags, unit: str | None) -> None:
 def fpn_maps(
     out_file: arguments.MapFile, as_json: arguments.Json = False, **flags: Flag
 ) -> None:
-    """Write the fixed-pattern noise (FPN) maps of one camera into a NumPy .npz.
+    """Write the fixed-pattern noise (FPN) maps of one sensor unit into a NumPy .npz file.
 
-    To look at, to change, or to replace by measured ones: `render … --fpn-maps FILE.npz` takes such a file.
+    `render … --fpn-maps FILE.npz` reads such a file, with maps that you changed or measured.
     """
     from ..core import first_given, require
     from ..files.npz import write_fpn_maps
-    from .inputs import NO_SCENE, camera_of, new_file, other_flags, taken_by_default
+    from .inputs import NO_SCENE, camera_of, defaults_line, new_file, other_flags
 
     asked = complete(options.MapFlags, other_flags(flags))
     path = new_file(out_file, "camera1.npz")
     camera = camera_of(flags)
-    shape = []
-    for name, wanted, pixels in (
-        ("rows", asked["rows"], camera.sensor.rows),
-        ("width", asked["width"], camera.sensor.columns),
-    ):
-        size, of_camera = first_given(wanted, pixels), f"pixels, those of {camera.name}"
-        shape.append(int(require(name, size, 1, pixels, f"{of_camera} at most")))
-    found = ms.fpn_maps(camera, (shape[0], shape[1]), serial=asked["serial"])
-    write_fpn_maps(path, found)
+    sizes = {"rows": camera.sensor.rows, "width": camera.sensor.columns}
+    rows, columns = (
+        int(
+            require(
+                name,
+                first_given(flags[name], pixels),
+                1,
+                pixels,
+                f"at most the {pixels} pixels of {camera.name}",
+            )
+        )
+        for name, pixels in sizes.items()
+    )
+    maps = ms.fpn_maps(camera, (rows, columns), serial=asked["serial"])
+    write_fpn_maps(path, maps)
     spread = {
         name: {"mean": float(x.mean()), "sigma": float(x.std()), "shape": x.shape}
-        for name, x in found.items()
+        for name, x in maps.items()
     }
     show(spread, as_json)
     wrote = f"wrote {out_file}: FPN maps of {camera.name}, serial number {asked['serial']}"
-    show_remarks(as_json, [*taken_by_default(flags, NO_SCENE, camera), wrote])
+    show_remarks(as_json, [*defaults_line(flags, NO_SCENE, camera), wrote])
 
 
 @app.command(cls=Command)
 def doctor(as_json: arguments.Json = False) -> None:
-    """Find out what works on this machine, and the command that repairs what does not. Writes nothing.
+    """Find out what works on this machine, and print the command that repairs what does not.
 
-    It renders a small picture with every variant of Mitsuba. Exit code 0 if a render works.
+    Renders a small image with every Mitsuba variant and writes no files. Exit code 0 if a render works.
     """
     from ..render.doctor import examine
     from .progress import steps_bar
@@ -289,24 +297,27 @@ def doctor(as_json: arguments.Json = False) -> None:
     first=("camera", "settings", "parameters", "scene_unit", "as_json"),
 )
 def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag) -> None:
-    """Say what in SCENE is black, wrong or worth knowing for this camera. Nothing is rendered.
+    """Find what in SCENE is black, wrong or worth knowing for this camera, without a render.
 
     Exit code: 0 if nothing is black or wrong, 1 if something is, 2 if the scene cannot be loaded.
     """
     from ..optics.image_record import airy_diameter_px
     from ..render.load.scene import inspect_scene
-    from .inputs import render_input, taken_by_default
+    from .inputs import defaults_line, render_input
 
     given, _ = render_input(scene, flags)
     camera, (low, high) = given.camera, given.camera.band_nm
     findings = inspect_scene(
         given.scene, camera, flags["parameters"] or {}, flags["scene_unit"]
     )
-    found = [finding.to_dict() for finding in findings]
+    facts = [finding.to_dict() for finding in findings]
     airy = f"Airy disk {airy_diameter_px(camera):.2g} px"
     head = {"camera": f"{camera.name}, {low:g} to {high:g} nm, {airy}"}
-    nothing = "nothing to say for this camera"
-    show(found, as_json, {**head, "findings": found or nothing})
-    show_remarks(as_json, taken_by_default(flags, given.scene.settings, camera))
+    rows = [
+        {name: with_flags(x) if isinstance(x, str) else x for name, x in fact.items()}
+        for fact in facts
+    ]
+    show(facts, as_json, {**head, "findings": rows or "none for this camera"})
+    show_remarks(as_json, defaults_line(flags, given.scene.settings, camera))
     if any(finding.is_serious for finding in findings):
         raise typer.Exit(1)

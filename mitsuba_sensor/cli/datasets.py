@@ -16,12 +16,11 @@ from ..core.progress import duration
 from ..dataset.exports.formats import FORMATS, ExportOptions
 from ..dataset.options import RootOptions, RunOptions
 from . import arguments, options
-from .app import app, err, show
-from .completion import one_of, shell_files
-from .help import Command, Group
+from .app import Command, Group, app, err, show
+from .arguments import argument, one_of, output
+from .options import Flag
 from .progress import samples_bar, steps_bar
-from .tables import ResultTable, rough
-from .values import Flag
+from .tables import ResultTable, cell, counted, rough
 
 if TYPE_CHECKING:
     from ..dataset.checks import Counts
@@ -31,78 +30,52 @@ if TYPE_CHECKING:
     from ..dataset.table import Fault
 
 READ_FIRST = {
-    "contact_sheet.png": "some of the frames, to look at",
-    "README.md": "what is in the folder, and how to read it",
-    "samples.csv": "a line for each sample",
+    "contact_sheet.png": "an overview of some frames",
+    "README.md": "the contents of the folder and how to read them",
+    "samples.csv": "one line for each sample",
 }
 """Files of a dataset for people."""
-
-MOST_SHOWN = 50
+FAULTS_MAX = 50
 """Faults in the table of `dataset verify`."""
-WRITE_ONE = "--picture FILE.png writes one"
 NOT_DENOISED = (
-    "Renders are not denoised unless `[render]` has `denoise = true`: what a denoiser leaves is alike in neighbouring "
+    "Renders are not denoised; `denoise = true` in `[render]` changes that, but denoising correlates neighbouring "
     "pixels, which training could learn."
 )
 
 dataset = typer.Typer(
     cls=Group,
     no_args_is_help=True,
-    help="Raw frames by the thousand, each with its clean frame, depth and normals, from one TOML file.\n\n"
-    "A run that was stopped, killed or out of disk goes on when the same command is given again. Exit code 1: some "
-    "samples could not be made, or are not as they were written; 3: the disk is full.",
+    help="Make thousands of raw frames with clean frames, depth and normals from one TOML file.\n\n"
+    "To continue a run that was stopped or killed or filled the disk, repeat its command. Exit code 1: some samples "
+    "failed, or files changed; 3: the disk is full.",
 )
 app.add_typer(dataset, name="dataset")
 
-DatasetToml = Annotated[
-    str,
-    typer.Argument(metavar="FILE.toml", help="The dataset file.", autocompletion=shell_files),
-]
+DatasetToml = Annotated[str, argument("FILE.toml", "Dataset file.")]
 CountOnly = Annotated[
-    bool,
-    typer.Option(
-        "--count-only",
-        help="Count and check only; nothing is rendered.",
-        rich_help_panel=arguments.OUTPUT,
-    ),
+    bool, output("--count-only", help="Only count and check, without a render.")
 ]
-DatasetFolder = Annotated[
-    str,
-    typer.Argument(
-        metavar="DIR", help="Folder that `dataset run` made.", autocompletion=shell_files
-    ),
-]
+DatasetFolder = Annotated[str, argument("DIR", "Folder that `dataset run` wrote.")]
 SampleCalled = Annotated[
-    str,
-    typer.Argument(
-        metavar="SAMPLE",
-        help="Its number in the dataset, from 0, or the beginning of its key.",
-    ),
+    str, argument("SAMPLE", "Number of the sample, from 0, or the start of its key.")
 ]
 PictureFile = Annotated[
     str | None,
-    typer.Option(
+    output(
         "--picture",
         metavar="FILE.png",
-        help="Write its picture there, developed from the raw frame where the dataset stores none.",
-        rich_help_panel=arguments.OUTPUT,
-        autocompletion=shell_files,
+        help="Also write the sample's preview, developed from the raw frame if the dataset stores no preview.",
     ),
 ]
 RemovesDamage = Annotated[
-    bool,
-    typer.Option(
-        "--remove",
-        help="Remove what is not as it was written; `dataset run` makes it again.",
-        rich_help_panel=arguments.OUTPUT,
-    ),
+    bool, output("--remove", help="Remove changed files; `dataset run` then recreates them.")
 ]
 ExportFormat = Annotated[
     str,
-    typer.Argument(
-        metavar="FORMAT",
-        help=f"{'; '.join(f'{row.name}: {row.contents}' for row in FORMATS)}.",
-        autocompletion=one_of(row.name for row in FORMATS),
+    argument(
+        "FORMAT",
+        f"{'; '.join(f'{row.name}: {row.contents}' for row in FORMATS)}.",
+        one_of(row.name for row in FORMATS),
     ),
 ]
 
@@ -121,20 +94,22 @@ def run_command(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Make everything of a dataset that DIR does not have yet.
+    """Make all samples of a dataset that DIR does not contain yet.
 
-    A light and all its samples appear whole or not at all, whatever happens; the same command goes on after a stop.
-    What cannot be made is a line in DIR/failed.jsonl, and the rest is made. README.md in DIR says what is there and how
-    to read it, contact_sheet.png shows some of the frames.
+    Each light and its samples appear together or not at all; repeat the command to continue after a stop. Failures are
+    lines in failed.jsonl and do not stop the run. README.md describes the contents, and contact_sheet.png shows
+    some frames.
     """
     from ..dataset.plan import load_plan
     from ..dataset.run import run
 
     plan = load_plan(file, flags.pop("roots") or ["."], flags.pop("untrusted"))
     with samples_bar(err) as progress:
-        found = run(plan, out_dir, progress=progress, **flags)
-    show(_summary(found) if as_json else run_sheet(plan, found, out_dir), as_json)
-    if found.failed:
+        done = run(plan, out_dir, progress=progress, **flags)
+    facts = {name: getattr(done, name) for name in ("made", "there", "render_noise", "remarks")}
+    facts["failed"] = [failure.model_dump() for failure in done.failed]
+    show(facts if as_json else run_sheet(plan, done, out_dir), as_json)
+    if done.failed:
         raise typer.Exit(1)
 
 
@@ -150,10 +125,10 @@ def plan_command(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Say how many renders and samples a dataset has, and what disk and time it will take. Writes nothing.
+    """Count the renders and samples of a dataset, and estimate its disk space, run time and render noise.
 
-    Values, cameras and files of every sample are checked; one short render on this machine tells the time, the bytes
-    and the render noise.
+    Checks the values, cameras and files of every sample. The estimates come from a short render for each
+    camera on this machine. Writes no files.
     """
     from ..dataset.checks import check_scenes, checked_counts
     from ..dataset.forecast import forecast
@@ -164,10 +139,10 @@ def plan_command(
         now(0, 1, "counting")
         counts = checked_counts(plan)
         check_scenes(plan)
-        now(0, 1, "a short render")
-        found = None if count_only else forecast(plan, counts)
-    facts = asdict(counts) | ({"forecast": asdict(found)} if found else {})
-    show(facts if as_json else plan_sheet(plan, counts, found), as_json)
+        now(0, 1, "short renders")
+        estimate = None if count_only else forecast(plan, counts)
+    facts = asdict(counts) | ({"forecast": asdict(estimate)} if estimate else {})
+    show(facts if as_json else plan_sheet(plan, counts, estimate), as_json)
 
 
 @dataset.command(
@@ -181,47 +156,48 @@ def show_command(
     picture: PictureFile = None,
     as_json: arguments.Json = False,
 ) -> None:
-    """Say what one sample is: its settings, signal and noise, its files, and where its picture is."""
+    """Show one sample: its settings, signal and noise, files and preview."""
     from ..dataset.read import Dataset
     from ..files.png import write_png
-    from .sample_sheet import sample_facts, sample_sheet
+    from .summaries import sample_facts
 
     samples = Dataset(folder)
     place = samples.place_of(sample)
     facts = {**sample_facts(samples, place, samples[place]), "picture": picture}
     if picture is not None:
         write_png(Path(picture), samples[place].read("preview"))
-    where = picture or f"in the shard; {WRITE_ONE}"
-    show(facts if as_json else sample_sheet(facts, where), as_json)
+    show(facts, as_json, {name: cell(value) for name, value in facts.items()})
 
 
 @dataset.command("status", cls=Command, epilog="Example: mitsuba-sensor dataset status pairs/")
 def status_command(folder: DatasetFolder, as_json: arguments.Json = False) -> None:
-    """Say how much of a dataset is there, and what could not be made. Reads no pictures."""
+    """Show how many samples a dataset has, and which failed, without reading images."""
     from ..dataset.file import read_dataset_text
     from ..dataset.run import read_failures
     from ..dataset.store import Store
     from ..dataset.table import Table
 
     store = Store(folder)
-    record, table = store.require_record(), Table(store)
-    failures, name = read_failures(store), read_dataset_text(record.text).name
+    record, there = store.require_record(), len(Table(store))
+    failures, name = [*read_failures(store).values()], read_dataset_text(record.text).name
     facts = {
         "name": name,
-        "there": len(table),
+        "there": there,
         "samples": record.samples,
         "bytes": store.size(),
-        "failed": [failure.model_dump() for failure in failures.values()],
+        "failed": [failure.model_dump() for failure in failures],
     }
-    head = f"{name}: {len(table)} of {record.samples} samples, {store.size() / 1e6:.3g} MB"
-    show(facts if as_json else _with_failed(head, [*failures.values()]), as_json)
+    head = (
+        f"{name}: {there} of {counted(record.samples, 'sample')}, {store.size() / 1e6:.3g} MB"
+    )
+    show(facts if as_json else _with_failed(head, failures), as_json)
 
 
 @dataset.command("verify", cls=Command, epilog="Example: mitsuba-sensor dataset verify pairs/")
 def verify_command(
     folder: DatasetFolder, removes: RemovesDamage = False, as_json: arguments.Json = False
 ) -> None:
-    """Read every file of a dataset, and say what is not as it was written. Exit code 1 if anything is not."""
+    """Read every file of a dataset and list the files that changed. Exit code 1 if any file changed."""
     from ..dataset.store import Store
     from ..dataset.table import remove_faults, verify
 
@@ -252,9 +228,9 @@ def export_command(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Write a dataset as the files of another program, with a card: README.md with counts, noise and licence.
+    """Write a dataset in another program's format, with README.md: counts, noise and licence.
 
-    The folder appears whole or not at all; files.json in it has the size and SHA-256 of each file.
+    The folder appears complete or not at all; files.json lists the size and SHA-256 of each file.
     """
     _export(format, folder, out_dir, as_json, flags)
 
@@ -269,7 +245,7 @@ def unpack_command(
     as_json: arguments.Json = False,
     **flags: Flag,
 ) -> None:
-    """Write the files of each sample into a folder of its own: frames, pictures and JSON, as `export files` does."""
+    """Write the frames, images and JSON of each sample into its own folder, as `export files` does."""
     _export("files", folder, out_dir, as_json, flags)
 
 
@@ -286,29 +262,30 @@ def _export(
             progress=lambda done, total: now(done, total, "samples"),
             **flags,
         )
-    found = {**exported._asdict(), "format": format, "folder": out_dir}
-    head = f"{Path(out_dir)}: {exported.samples} samples as {format}; README.md there says how to read them"
-    show(found if as_json else "\n".join([head, *exported.remarks]), as_json)
+    facts = {**exported._asdict(), "format": format, "folder": out_dir}
+    count = counted(exported.samples, "sample")
+    head = f"{Path(out_dir)}: {count} as {format}; its README.md explains how to read them"
+    show(facts if as_json else "\n".join([head, *exported.remarks]), as_json)
 
 
-def run_sheet(plan: DatasetPlan, found: RunProgress, folder: str) -> RenderableType:
-    """What a run made, and what it could not."""
+def run_sheet(plan: DatasetPlan, done: RunProgress, folder: str) -> RenderableType:
+    """Return the new samples of a run and its failures."""
     head = Text.assemble(
         (plan.file.name, "bold"),
-        f": {found.made} samples made, {found.there} were there already → ",
+        f": {counted(done.made, 'new sample')}, {done.there} already existed → ",
         folder,
     )
     for name, what in READ_FIRST.items():
         if (Path(folder) / name).is_file():
             head.append(f"\n{Path(folder) / name}: {what}")
-    for sentence in (found.render_noise, *found.remarks):
+    for sentence in (done.render_noise, *done.remarks):
         head.append(f"\n{sentence}" if sentence else "")
-    return _with_failed(head, found.failed)
+    return _with_failed(head, done.failed)
 
 
-def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> RenderableType:
-    """A line for each scene, and the sums."""
-    from ..dataset.card import LESS_RENDER_NOISE, VISIBLE_RATIO
+def plan_sheet(plan: DatasetPlan, counts: Counts, estimate: Forecast | None) -> RenderableType:
+    """Return one line for each scene, and the totals."""
+    from ..dataset.card import VISIBLE_RATIO, less_render_noise
 
     table = ResultTable(("scene", "renders", "samples"))
     for scene, (renders, samples) in counts.by_scene.items():
@@ -316,58 +293,52 @@ def plan_sheet(plan: DatasetPlan, counts: Counts, found: Forecast | None) -> Ren
     renders = sum(several for several, _ in counts.by_scene.values())
     splits = ", ".join(f"{name} {n}" for name, n in counts.by_split.items() if name)
     head = (
-        f"{plan.file.name}: {counts.samples} samples of {renders} render{'s' * (renders != 1)}"
+        f"{plan.file.name}: {counted(counts.samples, 'sample')} of {counted(renders, 'render')}"
         f"{f' ({splits})' if splits else ''}"
     )
-    below = []
-    if found is not None:
-        below = [
-            f"about {duration(found.seconds)} and {found.bytes / 1e6:.3g} MB on this machine, if all scenes are like "
-            f"{found.scene}: {rough(found.render_s)} s a render, {rough(found.sample_s)} s and "
-            f"{rough(found.sample_bytes / 1e6)} MB a sample",
-            f"render noise {rough(found.noise_ratio)}: the variance of the render over that of the sensor, in the "
-            f"median pixel; above {VISIBLE_RATIO} it is seen in the frames",
+    below = counts.notes()
+    if estimate is not None:
+        worst = max(estimate.noise_ratios, key=estimate.noise_ratios.__getitem__)
+        of_camera = f" for camera {worst}" if len(estimate.noise_ratios) > 1 else ""
+        below += [
+            f"about {duration(estimate.seconds)} and {estimate.bytes / 1e6:.3g} MB on this machine, if all scenes are "
+            f"like {estimate.scene}: {rough(estimate.render_s)} s per render, {rough(estimate.sample_s)} s and "
+            f"{rough(estimate.sample_bytes / 1e6)} MB per sample",
+            f"render noise{of_camera}: variance {rough(estimate.noise_ratio)} × the sensor's in the median pixel; "
+            f"above {VISIBLE_RATIO} it is visible in the frames",
         ]
-        if found.noise_ratio > VISIBLE_RATIO:
-            below.append(LESS_RENDER_NOISE)
+        if estimate.noise_ratio > VISIBLE_RATIO:
+            below.append(f"{less_render_noise(plan.file.render)}.")
     if not plan.file.render.get("denoise"):
         below.append(NOT_DENOISED)
     return Lines(Text(head, style="bold"), table, *map(Text, below))
 
 
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
 def fault_sheet(folder: str, faults: Sequence[Fault], removed: bool) -> RenderableType:
-    """What is not as it was written, file by file, and what to do."""
-    damaged = [fault for fault in faults if fault.is_damage]
+    """Return the changed files and what to do."""
     if not faults:
-        return f"{folder}: every file is as it was written"
-    table = ResultTable(("file", "what is wrong"))
-    for fault in faults[:MOST_SHOWN]:
+        return f"{folder}: every file is unchanged"
+    damaged = [fault for fault in faults if fault.is_damage]
+    table = ResultTable(("file", "problem"))
+    for fault in faults[:FAULTS_MAX]:
         table.add_row(fault.file, fault.what)
-    more = f" (the first {MOST_SHOWN} are shown)" if len(faults) > MOST_SHOWN else ""
-    head = f"{folder}: {len(damaged)} files are not as they were written{more}"
-    below = "`mitsuba-sensor dataset run` with the dataset file makes again what is missing."
+    more = f" (the first {FAULTS_MAX} are shown)" if len(faults) > FAULTS_MAX else ""
+    head = f"{folder}: {counted(len(damaged), 'damaged file')}{more}"
+    below = "To recreate missing files, run `mitsuba-sensor dataset run` with the dataset file."
     if damaged and not removed:
-        below = (
-            f"`mitsuba-sensor dataset verify {folder} --remove` removes them, and then {below}"
-        )
+        below = f"To remove damaged files, add --remove. {below}"
     return Lines(Text(head, style="bold"), table, Text(below if damaged else ""))
 
 
 def _with_failed(head: str | Text, failed: Sequence[Failure]) -> RenderableType:
-    """A first line, and what could not be made."""
+    """Return a first line and a table of failures."""
     if not failed:
         return Lines(head)
-    table = ResultTable(("scene", "samples", "why they could not be made"))
+    table = ResultTable(("scene", "samples", "reason of the failure"))
     for failure in failed:
         table.add_row(failure.scene, str(failure.samples), Text(failure.why))
-    return Lines(head, table, Text("--retry tries them again; failed.jsonl has their logs"))
-
-
-def _summary(found: RunProgress) -> dict[str, object]:
-    return {
-        "made": found.made,
-        "there": found.there,
-        "failed": [failure.model_dump() for failure in found.failed],
-        "render_noise": found.render_noise,
-        "remarks": found.remarks,
-    }
+    return Lines(head, table, Text("to try again, add --retry; failed.jsonl has the logs"))

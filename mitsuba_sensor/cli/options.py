@@ -1,86 +1,89 @@
-"""Flags of the command line, made from the declarations of the options; and those that only the command line has."""
+"""Flags made from the declarations of the options, those that only the command line has, and how values are read."""
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import wraps
-from typing import Annotated, TypeAlias, TypedDict, TypeVar
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias, TypedDict, TypeVar
 
 import typer
 from rich.markup import escape
 
 from ..camera.shipped import DEFAULT_CAMERA
 from ..capture_options import CaptureOptions
-from ..core import require_seed
+from ..core import InputError, require_seed
 from ..core.options import Declared, Option, declared
 from ..render.options import FileOptions, RenderOptions, SceneOptions
-from ..render.samples import MOST_IN_ALL
 from ..render.variants import VARIANTS
 from ..sensor.options import PERCENTILE, SHARE, FrameOptions, Gain, SensorOptions
-from .arguments import OUTPUT
-from .completion import camera_fields, camera_names, noise_source_names, one_of
-from .help import show_all
-from .values import Flag, flag_value
+from .app import show_all
+from .arguments import OUTPUT, camera_fields, camera_names, noise_source_names, one_of
+from .flag_names import flag_of
 
 Command = TypeVar("Command", bound=Callable[..., None])
+Flag: TypeAlias = Any
+"""The value of a flag; its type is the option's."""
 Flags = Mapping[str, Flag]
 
 DEFAULT_TEMPERATURE_K = 298.15
+FROM_SCENE = "Default: from the scene or render, else"
 
 Settings: TypeAlias = Annotated[
     dict[str, str] | None,
     Option(
-        "Change a field of the camera: --set adc.bits=14; FIELD=none unsets it. Repeatable; `cameras show NAME` lists "
+        "Change a camera field, e.g. adc.bits=14; FIELD=none unsets it. Repeatable; `cameras show NAME` lists "
         "the fields.",
         flag="--set",
         metavar="FIELD=VALUE",
         text=list[str],
     ),
 ]
-
 Without: TypeAlias = Annotated[
     list[str] | None,
     Option(
-        "Switch a noise source of the camera off: --without shot_noise. Repeatable; `cameras stages` lists the stages.",
+        "Switch off a noise source, e.g. shot_noise. Repeatable; `cameras stages` lists the sources.",
         flag="--without",
         metavar="SOURCE",
         text=list[str],
     ),
 ]
+Forced: TypeAlias = Annotated[
+    bool, Option("Overwrite an existing file.", False, flag="--force", panel=OUTPUT)
+]
 
 
 class CameraFlags(TypedDict, total=False):
-    """Which camera takes the picture, and with which exposure."""
+    """The camera and its exposure."""
 
     camera: Annotated[
         str | None,
         Option(
-            "A name from `cameras list`, or the path of a .toml of your own. It is taken as it is, without what the "
-            f"scene file sets in its own. Default: that of the scene or render, else {DEFAULT_CAMERA}.",
+            "Camera name from `cameras list`, or path of a .toml file. It replaces the camera fields of the "
+            f"scene file. {FROM_SCENE} {DEFAULT_CAMERA}.",
             metavar="NAME",
         ),
     ]
     exposure_s: Annotated[
         str | None,
         Option(
-            f"Exposure time in seconds, or auto (metered); auto takes the {PERCENTILE:g}th percentile of the lit "
-            f"pixels to {100 * SHARE:g} % of saturation. Default: that of the scene or render, else auto.",
+            f"Exposure time [s], or auto; auto brings the {PERCENTILE:g}th percentile of the lit pixels to "
+            f"{100 * SHARE:g} % of saturation. {FROM_SCENE} auto.",
             metavar="SECONDS|auto",
         ),
     ]
     meter: Annotated[
         str | None,
         Option(
-            "Meter the exposure time so that this percentile of the lit pixels reaches this share of saturation. "
+            "Set the exposure time so this percentile of the lit pixels reaches this fraction of saturation. "
             f"Default: {PERCENTILE:g}:{SHARE:g}.",
-            metavar="PERCENTILE:SHARE",
+            metavar="PERCENTILE:FRACTION",
         ),
     ]
     temperature_k: Annotated[
         float | None,
         Option(
-            "Temperature of the sensor in kelvin. Default: that of the scene or render, else "
-            f"{DEFAULT_TEMPERATURE_K} (+25 °C).",
+            f"Sensor temperature [K]. {FROM_SCENE} {DEFAULT_TEMPERATURE_K} (+25 °C).",
             metavar="KELVIN",
         ),
     ]
@@ -88,7 +91,7 @@ class CameraFlags(TypedDict, total=False):
     readout: Annotated[
         str | None,
         Option(
-            "One read-out of a camera that has several, as if the camera had no other. Default: all, combined.",
+            "Use only one readout of a camera that has several. Default: all readouts, combined.",
             metavar="NAME",
         ),
     ]
@@ -97,54 +100,47 @@ class CameraFlags(TypedDict, total=False):
 
 
 class ChangedCameraFlags(TypedDict, total=False):
-    """What is changed in a camera file before it is looked at."""
+    """Changes to a camera file before it is checked."""
 
     settings: Settings
 
 
 class NewCameraFlags(TypedDict, total=False):
-    """What a new camera file begins with."""
+    """The starting point of a new camera file."""
 
     like: Annotated[
         str | None,
         Option(
-            f"Camera to start from: a name from `cameras list`, or a .toml. Default: {DEFAULT_CAMERA}.",
+            f"Copy this camera: a name from `cameras list`, or a .toml file. Default: {DEFAULT_CAMERA}.",
             metavar="NAME",
         ),
     ]
     emva: Annotated[
         str | None,
         Option(
-            "Camera of an EMVA 1288 sheet instead, from a file with its rows, NAME = VALUE in each line.",
+            "Convert an EMVA 1288 sheet instead: a file with one NAME = VALUE per line.",
             metavar="FILE",
         ),
     ]
     name: Annotated[
-        str | None,
-        Option(
-            "Name of the camera. Default: asked at a terminal, else that of the file.",
-            metavar="TEXT",
-        ),
+        str | None, Option("Camera name. Default: the file's name.", metavar="TEXT")
     ]
     description: Annotated[
         str | None,
-        Option(
-            "One line about the camera. Default: asked at a terminal, else derived.",
-            metavar="TEXT",
-        ),
+        Option("One-line description. Default: names the source.", metavar="TEXT"),
     ]
     settings: Settings
     without: Without
-    force: Annotated[bool, Option("Write over an existing file.", False, flag="--force")]
+    force: Forced
 
 
 class ImportFlags(TypedDict, total=False):
-    """What an imported camera takes where its file says nothing."""
+    """Values that an imported camera takes if its file has none."""
 
     like: Annotated[
         str,
         Option(
-            "Camera whose numbers hold where the file says nothing: a name, or a .toml.",
+            "Camera that supplies missing values: a name, or a .toml file.",
             "bayer_2mp",
             metavar="NAME",
         ),
@@ -152,21 +148,18 @@ class ImportFlags(TypedDict, total=False):
     settings: Settings
     name: Annotated[
         str | None,
-        Option(
-            "Name of the camera. Default: what the file says, else its own name.",
-            metavar="TEXT",
-        ),
+        Option("Camera name. Default: from the file, else the file's name.", metavar="TEXT"),
     ]
-    force: Annotated[bool, Option("Write over an existing file.", False, flag="--force")]
+    force: Forced
 
 
 class MapFlags(TypedDict, total=False):
-    """Which FPN maps are written."""
+    """The FPN maps to write."""
 
     serial: Annotated[
         int,
         Option(
-            "Serial number of the camera: selects its fixed-pattern noise.",
+            "Serial number of the sensor unit, which selects its fixed-pattern noise.",
             1,
             check=require_seed,
             panel="Sensor",
@@ -175,7 +168,7 @@ class MapFlags(TypedDict, total=False):
     rows: Annotated[
         int | None,
         Option(
-            "Height of the maps. Default: the whole sensor.",
+            "Height of the maps [pixels]. Default: the sensor's height.",
             low=1,
             metavar="PIXELS",
             panel="Sensor",
@@ -184,7 +177,7 @@ class MapFlags(TypedDict, total=False):
     width: Annotated[
         int | None,
         Option(
-            "Width of the maps. Default: the whole sensor.",
+            "Width of the maps [pixels]. Default: the sensor's width.",
             low=1,
             metavar="PIXELS",
             panel="Sensor",
@@ -193,88 +186,20 @@ class MapFlags(TypedDict, total=False):
 
 
 class StudyFlags(TypedDict, total=False):
-    """Flags of every study."""
+    """Options of every study."""
 
     out: Annotated[
         str | None,
         Option(
-            "Folder for the page and its data. Default: the command's name; for a study, study/ and its name.",
+            "Folder for the page and its data. Default: the command's name; for a study, study/NAME.",
             flag="-o --out",
             metavar="DIR",
-            panel="Output",
+            panel=OUTPUT,
         ),
     ]
-    as_json: Annotated[bool, Option("Only JSON on stdout, for programs.", False, flag="--json")]
-
-
-class WorkPrecisionFlags(TypedDict, total=False):
-    """Flags of ``study work-precision``."""
-
-    tolerance: Annotated[
-        float,
-        Option(
-            "Relative error of a pixel's irradiance for which a setting is recommended.", 0.01
-        ),
-    ]
-    seeds: Annotated[
-        int,
-        Option(
-            "Independent runs of each setting; their spread makes the intervals.",
-            4,
-            low=2,
-            example="4",
-        ),
-    ]
-    sides: Annotated[
-        list[str] | None,
-        Option(
-            "render or sensor: only this half. Repeatable. Default: both.",
-            flag="--side",
-            metavar="render|sensor",
-            text=list[str],
-        ),
-    ]
-    variants: Annotated[
-        list[str] | None,
-        Option(
-            "A Mitsuba variant to compare. Repeatable. Default: all that work.",
-            flag="--variant",
-            metavar="NAME",
-            text=list[str],
-        ),
-    ]
-
-
-class AblationFlags(TypedDict, total=False):
-    """Flags of ``study ablation``."""
-
-    tolerance_dn: Annotated[float, Option("Tolerance of the plan that is tested, in DN.", 0.02)]
-    frames: Annotated[
-        int, Option("Frames of each of the 8 cameras that are measured.", 8, low=2, example="8")
-    ]
-    spp: Annotated[
-        int,
-        Option(
-            "Samples per pixel of the render; renders that are compared have a quarter of them.",
-            32,
-            low=8,
-            high=MOST_IN_ALL,
-            example="32",
-        ),
-    ]
-    seed: Annotated[
-        int | None,
-        Option(
-            "Seed of the first frame. Default: that of the scene or render, else 1.",
-            check=require_seed,
-        ),
-    ]
-    serial: Annotated[
-        int | None,
-        Option(
-            "Serial number of the first camera. Default: that of the scene or render, else 1.",
-            check=require_seed,
-        ),
+    as_json: Annotated[
+        bool,
+        Option("Print only JSON on stdout, for programs.", False, flag="--json", panel=OUTPUT),
     ]
 
 
@@ -288,7 +213,7 @@ HELP_ALL = inspect.Parameter(
     ],
 )
 
-PANELS: dict[type, str] = {  # titles in --help, above the options that are declared there first
+PANELS: dict[type, str] = {
     CameraFlags: "Camera and exposure",
     NewCameraFlags: "Camera and exposure",
     ImportFlags: "Camera and exposure",
@@ -298,10 +223,8 @@ PANELS: dict[type, str] = {  # titles in --help, above the options that are decl
     SensorOptions: "Sensor",
     FrameOptions: "Frames and seeds",
     CaptureOptions: OUTPUT,
-    StudyFlags: OUTPUT,
-    WorkPrecisionFlags: "Study",
-    AblationFlags: "Study",
 }
+"""Titles in ``--help``; an option stands under the first of these that declares it."""
 
 
 def flags(
@@ -310,19 +233,23 @@ def flags(
     """Give a command the flags of these options; it takes them as ``**flags``, read but not yet checked.
 
     The flags stand in ``--help`` in the order of their declaration, before the command's own.
-    without : names of options that this command does not have.  first : names of those that ``--help`` shows, where
-        all are more than a screen; ``--help-all`` shows all.
+    without : names of options that this command does not have.  first : names of the options in short ``--help``;
+        ``--help-all`` then shows all.
     """
 
     def with_flags(command: Command) -> Command:
-        known = (one for kind in kinds for one in declared(kind) if one.option.flag is not None)
-        found = {one.name: one for one in known if one.name not in without}
+        options = {
+            one.name: one
+            for kind in kinds
+            for one in declared(kind)
+            if one.option.flag is not None and one.name not in without
+        }
         signature = inspect.signature(command, eval_str=True).parameters.values()
         own = [p for p in signature if p.kind is not p.VAR_KEYWORD]
         kind = inspect.Parameter.KEYWORD_ONLY
         made = [
             inspect.Parameter(x.name, kind, default=x.option.default, annotation=_type(x))
-            for x in found.values()
+            for x in options.values()
         ]
         needed = [p for p in own if p.default is p.empty]
         optional = [p for p in own if p.default is not p.empty]
@@ -332,7 +259,7 @@ def flags(
         @wraps(command)
         def run(**values: Flag) -> None:
             values.pop(HELP_ALL.name, None)
-            read = {one.name: flag_value(one, values[one.name]) for one in found.values()}
+            read = {one.name: flag_value(one, values[one.name]) for one in options.values()}
             command(**{**values, **read})
 
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
@@ -344,9 +271,11 @@ def flags(
 
 
 def _type(one: Declared) -> Flag:
-    """The type of an option as typer wants it, with its flag and its help. Numbers are texts, so that a wrong one gets
-    the same sentence as in Python."""
-    flag, kinds = one.option.flag or f"--{one.name.replace('_', '-')}", one.kinds
+    """Return the type of an option for typer, with its flag and help.
+
+    Numbers are texts, so a wrong number gets the same sentence as in Python.
+    """
+    flag, kinds = flag_of(one), one.kinds
     numeric = NUMBERS.get(kinds)
     text: Flag = one.option.text or (str if one.choices or numeric else kinds[0])
     titles = (title for kind, title in PANELS.items() if one.name in kind.__annotations__)
@@ -360,8 +289,66 @@ def _type(one: Declared) -> Flag:
     return Annotated[text | None if one.option.default is None else text, option]
 
 
+def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
+    """Read ["a=1", …] as {"a": "1", …}."""
+    values = dict[str, str]()
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not name or not equals:
+            raise InputError(
+                f"{option} {text!r} has no name and value; write {option} NAME=VALUE."
+            )
+        values[name] = value
+    return values
+
+
+def number(text: str, kind: type = float) -> Flag:
+    """Return the number in a text, or the text itself, which the option's check then rejects."""
+    try:
+        return kind(text)
+    except ValueError:
+        return text
+
+
+def _exposure(text: str) -> Flag:
+    seconds = number(text)
+    if isinstance(seconds, str) and text != "auto":
+        raise InputError(
+            f"--exposure-s {text!r} is not a number of seconds; give seconds, e.g. 0.01, or auto."
+        )
+    return seconds
+
+
+def _maps(file: str) -> Flag:
+    from ..files.npz import read_fpn_maps
+
+    return read_fpn_maps(Path(file))
+
+
+def _traverse(texts: Sequence[str]) -> Flag:
+    given = pairs("--traverse", texts)
+    return {name: [number(x) for x in value.split(",")] for name, value in given.items()}
+
+
+def flag_value(one: Declared, value: Flag) -> Flag:
+    """Return the unchecked value of a flag from what typer read."""
+    if value is None or value == one.option.default:
+        return value
+    if one.name in READERS:
+        return READERS[one.name](value)
+    return number(value, one.kinds[0]) if one.kinds in NUMBERS else value
+
+
 NUMBERS: dict[tuple[type, ...], str] = {(int,): "INTEGER", (float,): "NUMBER"}
-"""Kinds of an option → its metavar."""
+"""Types of an option → its metavar."""
+READERS: dict[str, Callable[[Flag], Flag]] = {
+    "parameters": lambda texts: pairs("-D", texts),
+    "settings": lambda texts: pairs("--set", texts),
+    "traverse": _traverse,
+    "exposure_s": _exposure,
+    "maps": _maps,
+}
+"""Functions that read a value that typer cannot read."""
 PROPOSALS: dict[str, Callable[[str], list[str]]] = {
     "camera": camera_names,
     "like": camera_names,
@@ -372,4 +359,4 @@ PROPOSALS: dict[str, Callable[[str], list[str]]] = {
     "variants": one_of(VARIANTS),
     "sides": one_of(["render", "sensor"]),
 }
-"""For the value of an option, where its type does not say."""
+"""Proposed values, if the type of an option does not tell."""

@@ -1,4 +1,4 @@
-"""How far a command is: a bar where stderr is a terminal, else a line every ten seconds."""
+"""Progress of a command: a bar if stderr is a terminal, else a line every ten seconds."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from ..render.passes.stop_criterion import RenderProgress
 
 WORKING = "working"
-"""What a command does where it says nothing else."""
+"""Shown while a command reports no step."""
 
 
 class CommandLines(ProgressLines):
-    """The lines of the running command."""
+    """Progress lines of the running command."""
 
     running: ClassVar[CommandLines | None] = None
 
@@ -34,7 +34,7 @@ class CommandLines(ProgressLines):
 def lines_while_working(
     is_terminal: bool, clock: Callable[[], float] = time.monotonic
 ) -> Iterator[None]:
-    """While the block runs, a command says every ten seconds how far it is, unless a terminal shows bars."""
+    """Report the progress of a command every ten seconds while the block runs, unless a terminal shows bars."""
     with told_outside():
         if is_terminal:
             yield
@@ -50,9 +50,9 @@ def lines_while_working(
 
 @contextmanager
 def share_bar(console: Console, now: str = WORKING) -> Iterator[Callable[..., None]]:
-    """Show what is done now and the share of all work that is done, NaN (a bar that only moves) where no end is known.
+    """Show the current step and the fraction of all work done; NaN shows a moving bar.
 
-    now : what is done at first.  Yields ``tell(doing, share, note)``.
+    now : the first step.  Yields ``tell(doing, share, note)``.
     """
     columns = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[note]}")
     bar = Progress(
@@ -86,17 +86,15 @@ def share_bar(console: Console, now: str = WORKING) -> Iterator[Callable[..., No
 def render_progress(
     console: Console, options: Mapping[str, object], now: str = "loading the scene"
 ) -> Iterator[Callable[[RenderProgress], None]]:
-    """A bar over a render and its frames, with the noise ratio as it falls. Yields what ``capture`` takes as its
-    progress."""
-    from ..render.passes.stop_criterion import Series
+    """Show a bar for a render and its frames, with the falling noise ratio. Yields the ``progress`` of ``capture``."""
+    from ..render.passes.stop_criterion import standing
 
-    series = Series(options)
     with share_bar(console, now) as tell:
 
         def show(step: RenderProgress) -> None:
             ratio = step.noise_ratio
             note = "" if math.isnan(ratio) else f"render noise {number(ratio)} × the sensor's"
-            tell(*series.standing(step), note)
+            tell(*standing(step, options), note)
 
         yield show
 
@@ -105,7 +103,7 @@ def render_progress(
 def steps_bar(
     console: Console, now: str = WORKING
 ) -> Iterator[Callable[[int, int, str], None]]:
-    """A bar over steps. Yields what is told how many are done, how many there are, and what is done now."""
+    """Show a bar for steps. Yields a function of the number done, the total and the current step."""
     with share_bar(console, now) as tell:
 
         def show(done: int, total: int, doing: str) -> None:
@@ -117,7 +115,7 @@ def steps_bar(
 
 @contextmanager
 def samples_bar(console: Console) -> Iterator[Show]:
-    """A bar over samples, with their rate and failures. Yields what :func:`dataset.run` shows to."""
+    """Show a bar for samples, with their rate and failures. Yields the ``progress`` of :func:`dataset.run`."""
     began = time.monotonic()
     with share_bar(console, "starting") as tell:
 

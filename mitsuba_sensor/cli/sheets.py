@@ -1,17 +1,16 @@
-"""The command sheet: charts in front of a camera, every figure at every setting beside theory, on one page."""
+"""The command sheet: image quality from test charts at every setting, next to theory, on one page."""
 
+# Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from ..core import InputError
 from ..core.options import Option, complete, part_of
 from . import arguments, options
-from .app import app, err
-from .help import Command
-from .measuring import SimulatedFlags, finish, how_made, refuse_beside_frames, write_texts
-from .options import CameraFlags, Flags, StudyFlags
+from .app import Command, app, err
+from .measuring import SimulatedFlags, how_made, publish, refuse_beside_frames
+from .options import CameraFlags, Flag, Flags, StudyFlags, number
 from .progress import steps_bar
-from .values import Flag, number
 
 if TYPE_CHECKING:
     from ..bench.sheet.sheet import ChartPart, Report
@@ -19,17 +18,15 @@ if TYPE_CHECKING:
     from ..pages.page import Study
 
 PANEL = "Sheet"
-FILES = "sheet.html", "sheet.json", "sheet.csv"
-COMPARISON = "comparison.html", "comparison.json", "comparison.csv"
 
 
 class SheetFlags(SimulatedFlags, total=False):
-    """Flags of ``sheet``."""
+    """Options of ``sheet``."""
 
     gains: Annotated[
         str | None,
         Option(
-            "Gain settings, apart by commas, or all. Default: the camera as its file has it.",
+            "Comma-separated gain settings, or all. Default: the numbers of the camera file.",
             metavar="NAME,…|all",
             panel=PANEL,
         ),
@@ -37,7 +34,7 @@ class SheetFlags(SimulatedFlags, total=False):
     temperatures: Annotated[
         str | None,
         Option(
-            f"Temperatures of the sensor in kelvin, apart by commas. Default: {options.DEFAULT_TEMPERATURE_K}.",
+            f"Comma-separated sensor temperatures [K]. Default: {options.DEFAULT_TEMPERATURE_K}.",
             metavar="KELVIN,…",
             panel=PANEL,
         ),
@@ -45,7 +42,7 @@ class SheetFlags(SimulatedFlags, total=False):
     charts: Annotated[
         str | None,
         Option(
-            "Only these of emva, edge, star, leaves, steps, colours, grey, led, apart by commas. Default: all.",
+            "Comma-separated charts of emva, edge, star, leaves, steps, colours, grey, led. Default: all.",
             metavar="NAME,…",
             panel=PANEL,
         ),
@@ -53,7 +50,7 @@ class SheetFlags(SimulatedFlags, total=False):
     frames: Annotated[
         str | None,
         Option(
-            "Measure frames of a real camera: a folder with a folder for each chart, see docs/image-quality.md.",
+            "Measure frames of a real camera: a folder with a folder for each chart; see docs/image-quality.md.",
             metavar="DIR",
             panel=PANEL,
         ),
@@ -76,49 +73,44 @@ def sheet(
     compare: arguments.Compared = None,
     **flags: Flag,
 ) -> None:
-    """Image quality of a camera on one page: what charts show at every gain and temperature, beside theory.
+    """Measure the image quality of a camera with test charts, at every gain and temperature, next to theory.
 
-    Charts stand in front of a simulated camera: even light (EMVA 1288), slanted edges, a star, dead leaves, grey
-    steps, a ColorChecker, a grey surface, a flickering lamp. Their light is rendered once and kept in
+    The charts of a simulated camera: uniform light (EMVA 1288), slanted edges, a star, dead leaves, grey steps, a
+    ColorChecker, a grey surface and a flickering lamp. Their light is rendered once and kept in
     ~/.cache/mitsuba-sensor.
 
     Writes sheet.html, sheet.json and sheet.csv; --compare writes comparison.html, comparison.json and comparison.csv.
-    Exit code 1: a figure is not what theory says, of a compared sheet too.
+    Exit code 1: a figure disagrees with theory.
     """
     from ..bench.sheet.page import csv_text
     from ..core import first_given
     from ..files.appearing import require_folder
-    from ..files.texts import to_json
-    from ..pages.html_page import html
 
     asked = complete(SheetFlags, part_of(SheetFlags, flags))
     folder = first_given(flags["out"], "sheet")
     require_folder(folder)
     with steps_bar(err) as progress:
         if compare is not None:
-            found = _comparison(camera, compare, asked, flags, progress)
+            study = _comparison(camera, compare, asked, flags, progress)
         elif asked["frames"] is not None:
-            found = _of_frames(camera, asked, flags, progress)
+            study = _of_frames(camera, asked, flags, progress)
         else:
-            found = _of_camera(camera, asked, flags, progress)
-        progress(1, 1, "drawing the page")
-        texts = html(found), to_json(found.to_dict()) + "\n", csv_text(found.data["rows"])
-    names = FILES if found.name == "sheet" else COMPARISON
-    write_texts(folder, dict(zip(names, texts, strict=True)))
-    finish(found, folder, names, flags["as_json"])
+            study = _of_camera(camera, asked, flags, progress)
+    stem = "sheet" if compare is None else "comparison"
+    table = {f"{stem}.csv": csv_text(study.data["rows"])}
+    publish(study, folder, stem, flags["as_json"], more=table)
 
 
 def _of_camera(
     name: str | None, asked: SheetFlags, flags: Flags, progress: "Report"
 ) -> "Study":
-    """The sheet of a simulated camera."""
+    """Return the sheet of a simulated camera."""
     from ..bench.sheet.page import sheet_study
     from .inputs import camera_of
 
     if name is None:
         raise InputError(
-            "sheet needs a camera; give the name of one, e.g. mitsuba-sensor sheet bayer_2mp, or --frames DIR, or "
-            "--compare A B."
+            "sheet needs a camera; give its name, e.g. bayer_2mp, or --frames DIR, or two sheets (--compare A B)."
         )
     camera = camera_of({**flags, "camera": name})
     parts = _parts(camera, asked, progress)
@@ -126,24 +118,21 @@ def _of_camera(
 
 
 def _parts(camera: "Camera", asked: SheetFlags, progress: "Report") -> "list[ChartPart]":
-    """What the charts show of a camera at every setting that is asked for."""
+    """Measure the charts of a camera at every requested setting."""
     from ..bench.sheet.charts import chosen_charts
     from ..bench.sheet.sheet import settings_of, simulated_sheet
     from ..core import first_given
 
-    settings = settings_of(
-        camera,
-        _names(asked["gains"]),
-        _kelvins(asked["temperatures"]),
-        (first_given(asked["serial"], 1), first_given(asked["seed"], 1)),
-    )
+    unit = first_given(asked["serial"], 1), first_given(asked["seed"], 1)
+    gains, kelvins = _names(asked["gains"]), _kelvins(asked["temperatures"])
+    settings = settings_of(camera, gains, kelvins, unit)
     return simulated_sheet(camera, settings, chosen_charts(_names(asked["charts"])), progress)
 
 
 def _of_frames(
     name: str | None, asked: SheetFlags, flags: Flags, progress: "Report"
 ) -> "Study":
-    """The sheet of frames from disk."""
+    """Return the sheet of frames from disk."""
     from ..bench.sheet.page import sheet_study
     from ..bench.sheet.sheet import sheet_of_frames
     from .inputs import camera_of
@@ -163,7 +152,7 @@ def _comparison(
     flags: Flags,
     progress: "Report",
 ) -> "Study":
-    """Two sheets side by side; one of a camera is made first."""
+    """Compare two sheets; the sheet of a camera is made first."""
     from ..bench.sheet.comparison import Sheet, compared, read_sheet
     from ..bench.sheet.page import sheet_study
     from .inputs import camera_of
@@ -171,7 +160,7 @@ def _comparison(
     if name is not None or asked["frames"] is not None:
         other = "--frames" if name is None else name
         raise InputError(
-            f"{other} and --compare are given; write --compare A B alone, with two folders or cameras."
+            f"{other} cannot be combined with --compare; give --compare A B alone, with two folders or cameras."
         )
     on_disk = [one for one in compare if Path(one).is_dir() or Path(one).suffix == ".json"]
     sheets = {one: read_sheet(Path(one)) for one in on_disk}
@@ -179,25 +168,24 @@ def _comparison(
         one: camera_of({**flags, "camera": one}) for one in compare if one not in on_disk
     }
     for one, camera in cameras.items():
-        made = sheet_study(camera.name, _parts(camera, asked, progress))
-        sheets[one] = Sheet(camera.name, made.data["rows"])
+        study = sheet_study(camera.name, _parts(camera, asked, progress))
+        sheets[one] = Sheet(camera.name, study.data["rows"])
     return compared(sheets[compare[0]], sheets[compare[1]])
 
 
 def _names(text: str | None) -> list[str]:
-    """Names that commas separate; none where nothing is given."""
+    """Split comma-separated names."""
     return [name.strip() for name in (text or "").split(",") if name.strip()]
 
 
 def _kelvins(text: str | None) -> list[float]:
-    """Temperatures that commas separate, each once. Raises InputError."""
+    """Read comma-separated temperatures, each once. Raises InputError."""
     from ..core import require
-    from .inputs import tell_of_temperature
+    from .inputs import note_temperature
 
-    kelvins = dict[float, None]()
-    for name in _names(text) or [str(options.DEFAULT_TEMPERATURE_K)]:
-        allowed = 1.0, 1000.0, "kelvin, e.g. 278.15,298.15"
-        kelvins[require("--temperatures", number(name), *allowed)] = None
-    for kelvin in kelvins:
-        tell_of_temperature(kelvin)
-    return [*kelvins]
+    allowed = 1.0, 1000.0, "kelvin, e.g. 278.15,298.15"
+    names = _names(text) or [str(options.DEFAULT_TEMPERATURE_K)]
+    kelvins = [require("--temperatures", number(name), *allowed) for name in names]
+    for kelvin in (unique := [*dict.fromkeys(kelvins)]):
+        note_temperature(kelvin)
+    return unique

@@ -1,36 +1,121 @@
-"""Commands of study: error against run time, what can be left out, stiff and extreme cases."""
+"""The commands below study: error and run time, what can be omitted, stiff and extreme cases."""
 
+# Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 import shlex
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, TypedDict
 
 import typer
 
-from ..core import require
-from ..core.options import complete, part_of
+from ..core import require, require_seed
+from ..core.options import Option, complete, part_of
 from ..render.options import SceneOptions
+from ..render.samples import MOST_IN_ALL
 from . import arguments, options
-from .app import app, err
-from .help import Command, Group
-from .options import AblationFlags, Flags, StudyFlags, WorkPrecisionFlags
+from .app import Command, Group, app, err
+from .options import Flag, Flags, StudyFlags
 from .progress import share_bar
-from .values import Flag
 
 if TYPE_CHECKING:
     from ..pages.page import Study
     from ..study.kit import Progress, Subject
     from .inputs import RenderInput
 
+PANEL = "Study"
+
+
+class WorkPrecisionFlags(TypedDict, total=False):
+    """Options of ``study work-precision``."""
+
+    tolerance: Annotated[
+        float,
+        Option(
+            "Relative error of a pixel's irradiance that the recommended setting keeps.",
+            0.01,
+            low=1e-6,
+            high=1,
+            example="0.01",
+            panel=PANEL,
+        ),
+    ]
+    seeds: Annotated[
+        int,
+        Option(
+            "Independent runs of each setting; their spread gives the intervals.",
+            4,
+            low=2,
+            example="4",
+            panel=PANEL,
+        ),
+    ]
+    sides: Annotated[
+        list[str] | None,
+        Option(
+            "Measure only the render or only the sensor. Repeatable. Default: both.",
+            flag="--side",
+            metavar="render|sensor",
+            text=list[str],
+            panel=PANEL,
+        ),
+    ]
+    variants: Annotated[
+        list[str] | None,
+        Option(
+            "Mitsuba variant to compare. Repeatable. Default: all that work here.",
+            flag="--variant",
+            metavar="NAME",
+            text=list[str],
+            panel=PANEL,
+        ),
+    ]
+
+
+class AblationFlags(TypedDict, total=False):
+    """Options of ``study ablation``."""
+
+    tolerance_dn: Annotated[
+        float, Option("Tolerance of the tested plan [DN].", 0.02, panel=PANEL)
+    ]
+    frames: Annotated[
+        int, Option("Frames of each of 8 sensor units.", 8, low=2, example="8", panel=PANEL)
+    ]
+    spp: Annotated[
+        int,
+        Option(
+            "Samples per pixel of the render; renders that are compared have a quarter of them.",
+            32,
+            low=8,
+            high=MOST_IN_ALL,
+            example="32",
+            panel=PANEL,
+        ),
+    ]
+    seed: Annotated[
+        int | None,
+        Option(
+            f"Seed of the first frame. {options.FROM_SCENE} 1.", check=require_seed, panel=PANEL
+        ),
+    ]
+    serial: Annotated[
+        int | None,
+        Option(
+            f"Serial number of the first sensor unit. {options.FROM_SCENE} 1.",
+            check=require_seed,
+            panel=PANEL,
+        ),
+    ]
+
+
 study = typer.Typer(
     cls=Group,
     no_args_is_help=True,
-    help="How good the numbers are, what they cost, and what could be left out: tables, plots and a page.\n\n"
-    "Each writes study.html (a page that needs nothing else), study.json and a PNG of its first plot. Exit code 1: "
-    "a check failed.",
+    help="Measure error and run time on your scene, and find out what it does not need.\n\n"
+    "Each study writes study.html (a self-contained page), study.json and a PNG of its first plot. Exit code 1: a "
+    "check failed.",
 )
 app.add_typer(study, name="study")
 
@@ -49,25 +134,24 @@ app.add_typer(study, name="study")
     first=("out", "as_json", "camera", "exposure_s", "width", "sides", "tolerance", "seeds"),
 )
 def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
-    """Error against run time of SCENE, of the render and of the sensor, and the setting to take.
+    """Measure error versus run time of SCENE's render and sensor, and recommend a setting.
 
-    Bands, channels, denoising and variants against a reference of known error; engines, precisions and plans of the
-    sensor against NumPy in float64, in frames of the scene's size. Small pictures are enough (--width 48).
+    Compares bands, channels, denoising and variants with a long render, and engines, precisions and plans of the sensor
+    with NumPy in float64. A small width is enough (--width 48).
     """
     from ..study.work_precision import SIDES
     from ..study.work_precision import work_precision as measured
-    from .inputs import render_input, taken_by_default
+    from .inputs import defaults_line, render_input
 
     asked: dict[str, Flag] = dict(
         complete(WorkPrecisionFlags, part_of(WorkPrecisionFlags, flags))
     )
     sides = tuple(asked.pop("sides") or SIDES)
-    found, _ = render_input(
-        scene, {**flags, "variant": next(iter(asked["variants"] or ()), None)}
-    )
-    subject = _subject(scene, found, flags)
+    variant = next(iter(asked["variants"] or ()), None)
+    given, _ = render_input(scene, {**flags, "variant": variant})
+    subject = _subject(scene, given, flags)
     measure = partial(measured, subject, sides=sides, **asked)
-    defaults = taken_by_default(flags, found.scene.settings, found.camera)
+    defaults = defaults_line(flags, given.scene.settings, given.camera)
     _run("work-precision", flags, measure, subject, defaults)
 
 
@@ -85,22 +169,22 @@ def work_precision(scene: arguments.Scene, **flags: Flag) -> None:
     first=("out", "as_json", "camera", "exposure_s", "width", "frames", "spp", "tolerance_dn"),
 )
 def ablation(scene: arguments.Scene, **flags: Flag) -> None:
-    """What each noise source and each feature of the render does to SCENE, and what leaving it out would save.
+    """Measure what each noise source and render feature changes in SCENE, and the time saved without it.
 
-    Changes are measured in frames with the same random numbers; those of the plan must keep its tolerance.
+    Compares frames with the same random numbers. Exit code 1 if the plan exceeds its tolerance.
     """
     from ..core import first_given
     from ..study.ablation import ablation as measured
-    from .inputs import render_input, taken_by_default
+    from .inputs import defaults_line, render_input
 
     asked: dict[str, Flag] = dict(complete(AblationFlags, part_of(AblationFlags, flags)))
     require("tolerance_dn", asked["tolerance_dn"], 0.0, 1e9, "digital numbers, e.g. 0.02")
-    found, _ = render_input(scene, flags)
+    given, _ = render_input(scene, flags)
     for name in ("seed", "serial"):
-        asked[name] = first_given(asked[name], getattr(found.scene.settings, name), 1)
-    subject = _subject(scene, found, flags, spp=asked.pop("spp"), variant=flags["variant"])
+        asked[name] = first_given(asked[name], getattr(given.scene.settings, name), 1)
+    subject = _subject(scene, given, flags, spp=asked.pop("spp"), variant=flags["variant"])
     measure = partial(measured, subject, **asked)
-    defaults = taken_by_default(flags, found.scene.settings, found.camera)
+    defaults = defaults_line(flags, given.scene.settings, given.camera)
     _run("ablation", flags, measure, subject, defaults)
 
 
@@ -109,17 +193,17 @@ def ablation(scene: arguments.Scene, **flags: Flag) -> None:
 )
 @options.flags(StudyFlags)
 def stress(**flags: Flag) -> None:
-    """Stiff and extreme cases on every engine: how far each result is from what must come, over how far it may be.
+    """Run stiff and extreme cases on every engine, and compare each deviation with its limit.
 
-    It takes some minutes.
+    Takes a few minutes.
     """
     from ..study.stress import stress as measured
 
     _run("stress", flags, measured)
 
 
-def _subject(scene: str, found: "RenderInput", flags: Flags, **more: Flag) -> "Subject":
-    """What a study of a scene is about.  more : options of the render."""
+def _subject(scene: str, given: "RenderInput", flags: Flags, **more: Flag) -> "Subject":
+    """Return the subject of a study.  more : options of the render."""
     from ..render.passes.prepared import prepare
     from ..sensor.metering import Metering
     from ..study.kit import Subject
@@ -127,10 +211,10 @@ def _subject(scene: str, found: "RenderInput", flags: Flags, **more: Flag) -> "S
     names = ("scene_unit", "width", "integrator", "ignore_polarization")
     same = {name: flags[name] for name in names}
     render = {"parameters": flags["parameters"] or {}, **same, **more}
-    exposure = found.exposure
+    exposure = given.exposure
     if isinstance(exposure, Metering):
-        exposure = prepare(scene, found.camera, exposure, **render).metered_first().exposure
-    return Subject(scene, found.camera, exposure, render)
+        exposure = prepare(scene, given.camera, exposure, **render).metered_first().exposure
+    return Subject(scene, given.camera, exposure, render)
 
 
 def _run(
@@ -140,7 +224,7 @@ def _run(
     subject: "Subject | None" = None,
     defaults: Sequence[str] = (),
 ) -> None:
-    """Run a study and show what it found.  defaults : what is said of values that nobody gave."""
+    """Run a study and print it.  defaults : the sentence about values that nobody set."""
     from ..core import first_given
     from ..files.appearing import refuse_empty
     from ..study.kit import NUMBERS, PAGE, run_study
@@ -158,10 +242,9 @@ def _run(
 
 
 def _command() -> str:
-    """The command that was given, without where it writes and how it shows what it found."""
-    without, before, asked = ("-o", "--out"), "", ["mitsuba-sensor"]
-    for argument in sys.argv[1:]:
-        if argument not in (*without, "--json") and before not in without:
-            asked.append(argument)
-        before = argument
-    return shlex.join(asked)
+    """Return the command without its output options."""
+    arguments = ["mitsuba-sensor", *sys.argv[1:]]
+    for flag in ("-o", "--out"):
+        if flag in arguments:
+            del arguments[(place := arguments.index(flag)) : place + 2]
+    return shlex.join(one for one in arguments if one != "--json")

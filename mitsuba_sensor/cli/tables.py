@@ -1,4 +1,4 @@
-"""Tables of the command line, and how numbers stand in them."""
+"""Tables and numbers on the terminal."""
 
 from __future__ import annotations
 
@@ -13,29 +13,28 @@ from rich.text import Text
 
 from ..core.printable import printable
 
-NUMBER = re.compile(r"[<(+−-]?\d[\d.,]*(e[+-]?\d+)?(±[\d.e+-]+)?%?[),;:]?", re.IGNORECASE)
+NUMBER = re.compile(
+    r"([<>] )?[<(+−-]?\d[\d.,]*(e[+-]?\d+)?(±[\d.e+-]+)?%?[),;:]?", re.IGNORECASE
+)
 EMPTY_CELLS = ("", "–")  # in a column of numbers
 SMALLEST_SHOWN = 1e-4  # of a unit: half of this and less is printed as 0
 LIST_MAX = 6  # numbers or names in a cell
 
 
 class ResultTable(Table):
-    """Rows under headings. Numbers are flush right and never cut: a narrow terminal gets a table wider than itself."""
+    """Rows under headings. Numbers are right-aligned and never cut: a table may be wider than its terminal."""
 
     def __init__(self, headings: Sequence[str], title: str = "", caption: str = "") -> None:
         super().__init__(
             box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, padding=(0, 1, 0, 0)
         )
-        self.above, self.below = (
-            title,
-            caption,
-        )  # rich would break them at the width of the table
+        self.above, self.below = title, caption  # rich would wrap them at the table's width
         for heading in headings:
             self.add_column(Text(heading), overflow="fold")  # not markup: [s] is a unit
         self.has_only_numbers = [True] * len(headings)
 
     def add_row(self, *cells: str | Text, style: str = "") -> None:  # type: ignore[override]
-        """Add a row with one cell for each heading; texts are not markup."""
+        """Add a row with one cell per heading; texts are not markup."""
         texts = [Text(cell) if isinstance(cell, str) else cell for cell in cells]
         for i, text in enumerate(texts):
             text.plain = printable(text.plain, keep="\n")
@@ -44,50 +43,47 @@ class ResultTable(Table):
         super().add_row(*texts, style=style)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """The table, in no less than its smallest width."""
+        """Yield the table in at least its smallest width."""
         for i, column in enumerate(self.columns):
             texts = [str(cell) for cell in column.cells]
             if self.has_only_numbers[i] and texts:
                 column.justify = "right"
-            pieces = texts if i == 0 else [piece for text in texts for piece in text.split()]
-            column.min_width = max(
-                map(cell_len, [*pieces, *str(column.header).split()]), default=1
-            )
-        smallest = sum(column.min_width + 2 for column in self.columns if column.min_width)
+            elif i:
+                texts = [word for text in texts for word in text.split()]
+            column.min_width = max(map(cell_len, [*texts, *str(column.header).split(), ""]))
+        width = max(sum(column.min_width + 2 for column in self.columns), options.max_width)
         yield Text(f"\n{self.above}" if self.above else "", style="bold")
-        yield from super().__rich_console__(
-            console, options.update(max_width=max(smallest, options.max_width))
-        )
+        yield from super().__rich_console__(console, options.update(max_width=width))
         if self.below:
             yield Text(f"{self.below}\n", style="dim")
 
 
-def view(found: object, name: str = "") -> RenderableType:
-    """What a command prints as JSON, as lines and tables: a list of tables becomes one table, and so does a table of
-    tables.  name : of what is found."""
-    rows = found
-    if isinstance(found, dict) and found and all(isinstance(x, dict) for x in found.values()):
-        rows = [{"name": key, **row} for key, row in found.items()]
+def view(facts: object, name: str = "") -> RenderableType:
+    """Return the JSON of a command as lines and tables: a list of objects becomes one table, and so does an object of
+    objects.  name : of the facts."""
+    rows = facts
+    if isinstance(facts, dict) and facts and all(isinstance(x, dict) for x in facts.values()):
+        rows = [{"name": key, **row} for key, row in facts.items()]
     if isinstance(rows, list | tuple) and rows and all(isinstance(row, dict) for row in rows):
         headings = dict.fromkeys(key for row in rows for key in row if row[key] is not None)
         table = ResultTable([*headings], name)
         for row in rows:
             table.add_row(*(cell(row.get(key)) for key in headings))
         return table
-    if isinstance(found, dict):
-        return Group(*(view(value, key) for key, value in found.items()))
-    return fact(name, cell(found))
+    if isinstance(facts, dict):
+        return Group(*(view(value, key) for key, value in facts.items()))
+    return fact(name, cell(facts))
 
 
 def fact(name: str, text: str) -> Text:
-    """A line: what it is about, and what is said of it; it is not broken, so that paths can be copied."""
+    """Return a line ``name: text`` that is not wrapped, so paths can be copied."""
     line = Text.assemble((f"{name}: ", "bold"), text)
     line.no_wrap, line.overflow = True, "ignore"
     return line
 
 
 def cell(value: object) -> str:
-    """A value on one line; a long list by its ends."""
+    """Return a value on one line; a long list by its ends."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
@@ -102,7 +98,7 @@ def cell(value: object) -> str:
 
 
 def number(value: float | None) -> str:
-    """Four significant digits and no more than four decimals, without an exponent where it can be avoided."""
+    """Return four significant digits, at most four decimals, and an exponent only above 1e7."""
     if value is None:
         return "–"
     if abs(value) < SMALLEST_SHOWN / 2:
@@ -114,8 +110,13 @@ def number(value: float | None) -> str:
     return f"{value:.4f}".rstrip("0")
 
 
+def counted(count: int, noun: str) -> str:
+    """Return ``1 sample`` or ``3 samples``."""
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
 def rough(value: float) -> str:
-    """Two significant digits, no more than six characters for most numbers."""
+    """Return two significant digits."""
     if 0 < value < 1e-3:
         return "<0.001"
     return f"{value:.0f}" if 10 <= value < 1e6 else f"{value:.2g}"

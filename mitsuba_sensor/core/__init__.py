@@ -1,6 +1,6 @@
-"""What every stage is computed with: units, signals, arrays, random numbers, backends, frames, errors.
+"""Foundations of all stages: units, signals, arrays, random numbers, backends, frames, errors.
 
-The names of __init__.pyi are loaded when they are first used, so that the command line begins without NumPy.
+The names in __init__.pyi are loaded on first use, so the command line starts without NumPy.
 """
 
 import lazy_loader

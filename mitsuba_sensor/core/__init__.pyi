@@ -1,4 +1,4 @@
-"""The names that the stages are computed with, and the modules that they are loaded from when they are first used."""
+"""Names of this package, and the modules that they are loaded from on first use."""
 
 from .checks import check_types as check_types
 from .checks import finite_numbers as finite_numbers

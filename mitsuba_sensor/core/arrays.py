@@ -1,9 +1,9 @@
-"""Element-wise operations, branches and loops that the physics is written in, for NumPy and for Dr.Jit arrays.
+"""Element-wise operations, branches and loops on NumPy and Dr.Jit arrays.
 
 The stages import these instead of NumPy or Dr.Jit, so the physics is written once. In float32, every operation on a
-pixel is one of + − × ÷ √ floor, a comparison or a shift or mask of bits, whose result IEEE 754 defines exactly;
-therefore NumPy and Dr.Jit-LLVM return the same bytes. There is no fused multiply-add and no library logarithm. (Dr.Jit
-flushes numbers below 1.2e-38 to 0; none occurs in a chain.)
+pixel is + − × ÷ √ floor, a comparison, or a shift or mask of bits. IEEE 754 defines their results exactly, so NumPy and
+Dr.Jit-LLVM return the same bytes. Fused multiply-adds and library logarithms are not used. (Dr.Jit flushes numbers
+below 1.2e-38 to 0; a chain has none.)
 """
 
 import math
@@ -19,89 +19,85 @@ _NUMPY_TYPES = (np.ndarray, np.generic, float, int)
 
 
 def is_numpy(*values: Array) -> bool:
-    """Whether NumPy computes with these: none of them is a Dr.Jit array."""
-    for x in values:  # noqa: SIM110  (called a thousand times while a kernel is traced)
+    """Return True if none of these is a Dr.Jit array."""
+    for x in values:  # noqa: SIM110  (called a thousand times per traced kernel)
         if not isinstance(x, _NUMPY_TYPES):
             return False
     return True
 
 
 def drjit_module() -> DrJitModule:
-    """Dr.Jit, which has been imported wherever one of its arrays exists."""
+    """Return Dr.Jit, which is imported if one of its arrays exists."""
     return sys.modules["drjit"]
 
 
 def _is_float32(x: Array) -> bool:
-    """Whether ``x`` is computed in float32."""
+    """Return True if ``x`` is computed in float32."""
     return not is_numpy(x) or getattr(x, "dtype", None) == np.float32
 
 
 def floor(x: Array) -> Array:
-    """Largest whole number not above ``x``."""
+    """Return the largest whole number not above ``x``."""
     if is_numpy(x):
         return np.floor(x)
     return drjit_module().floor(x)
 
 
 def where(condition: Array, yes: Array, no: Array) -> Array:
-    """``yes`` where ``condition`` holds, else ``no``."""
+    """Return ``yes`` where ``condition`` holds, else ``no``."""
     if is_numpy(condition, yes, no):
         return np.where(condition, yes, no)
     return drjit_module().select(condition, yes, no)
 
 
 def minimum(x: Array, y: Array) -> Array:
-    """The smaller of the two."""
+    """Return the smaller value."""
     if is_numpy(x, y):
         return np.minimum(x, y)
     return drjit_module().select(x < y, x, y)
 
 
 def maximum(x: Array, y: Array) -> Array:
-    """The larger of the two."""
+    """Return the larger value."""
     if is_numpy(x, y):
         return np.maximum(x, y)
     return drjit_module().select(x > y, x, y)
 
 
 def sqrt(x: Array) -> Array:
-    """√x."""
+    """Return √x."""
     if is_numpy(x):
         return np.sqrt(x)
     return drjit_module().sqrt(x)
 
 
 def exp(x: Array) -> Array:
-    """e^x."""
+    """Return e^x."""
     if _is_float32(x):
         return _exponential(x)
     return np.exp(x)
 
 
 def expm1(x: Array) -> Array:
-    """e^x − 1 without cancellation."""
+    """Return e^x − 1 without cancellation."""
     if not _is_float32(x):
         return np.expm1(x)
     return _exponential(x, minus_one=True)
 
 
-# ln 2 as a sum; the first term has ten bits, so that its multiples are exact in float32 (Cody & Waite 1980).
+# ln 2 as a sum; the first term has ten bits, so its multiples are exact in float32 (Cody & Waite 1980).
 LN2_HIGH, LN2_LOW = 0.693359375, -2.12194440e-4
-# (e^r − 1 − r)/r² for |r| ≤ ½ln 2, to 4e-9: from benchmarks/fit_quantiles.py.
+# (e^r − 1 − r)/r² for |r| ≤ ½ln 2, to 4e-9: from d57d910e:benchmarks/fit_quantiles.py.
 EXP_TAIL = (0.5000000096, 0.1666651817, 0.0416662037, 0.008368969906, 0.001395063153)
 
 
 def _exponential(x: Array, minus_one: bool = False) -> Array:
-    """e^x or e^x − 1 from e^r − 1 and 2^n with x = r + n·ln 2, in float32; x is clipped to −69 … 88."""
-    x = minimum(
-        maximum(x, -69.0), 88.0
-    )  # below, a factor would be subnormal: Dr.Jit flushes it to 0, NumPy does not
+    """Return e^x or e^x − 1 from e^r − 1 and 2^n with x = r + n·ln 2, in float32; x is clipped to −69 and 88."""
+    x = minimum(maximum(x, -69.0), 88.0)  # avoids subnormals, which only Dr.Jit flushes to 0
     n = floor(x * (1 / math.log(2)) + 0.5)
     r = (x - n * LN2_HIGH) - n * LN2_LOW
-    fraction, power = (
-        r + (r * r) * polynomial(r, EXP_TAIL),
-        from_float_bits((int32(n) + 127) << 23),
-    )
+    fraction = r + (r * r) * polynomial(r, EXP_TAIL)
+    power = from_float_bits((int32(n) + 127) << 23)
     return fraction * power + (power - 1.0 if minus_one else power)
 
 
@@ -110,21 +106,16 @@ ATANH_TAIL = (2 / 3, 2 / 5, 2 / 7, 2 / 9, 2 / 11, 2 / 13, 2 / 15)
 
 
 def log1p(x: Array) -> Array:
-    """ln(1 + x) for 0 ≤ x ≤ 1."""
+    """Return ln(1 + x) = 2·atanh(x/(2 + x)) for 0 ≤ x ≤ 1."""
     if not _is_float32(x):
         return np.log1p(x)
-    return _logarithm_of_more(x)
-
-
-def _logarithm_of_more(x: Array) -> Array:
-    """ln(1 + x) = 2·atanh(x/(2 + x)), in float32."""
     t = x / (2.0 + x)
     square = t * t
     return 2.0 * t + (t * square) * polynomial(square, ATANH_TAIL)
 
 
 def polynomial(x: Array, coefficients: Sequence[float]) -> Array:
-    """Σ_k c_k·x^k by Estrin's scheme: in pairs, which a processor computes in parallel."""
+    """Return Σ_k c_k·x^k by Estrin's scheme, whose pairs a processor computes in parallel."""
     terms: list[Array] = list(coefficients)
     while True:
         pairs = [_add(terms[i + 1] * x, terms[i]) for i in range(0, len(terms) - 1, 2)]
@@ -135,7 +126,7 @@ def polynomial(x: Array, coefficients: Sequence[float]) -> Array:
 
 
 def _add(fresh: Array, y: Array) -> Array:
-    """fresh + y, written into the memory of the temporary ``fresh``, so that a row strip fits into the cache."""
+    """Return fresh + y in the memory of the temporary ``fresh``, so a row strip fits into the cache."""
     if not isinstance(fresh, np.ndarray):
         return fresh + y
     fresh += y
@@ -154,7 +145,7 @@ def _reinterpreted(x: Array, kind: str) -> Array:
     return drjit_module().reinterpret_array(getattr(drjit_module(), f"{kind}_array_t")(x), x)
 
 
-# Numbers as an array of this type, and the 32 bits of numbers read as a signed integer or as a float32.
+# Conversions of values, and 32 bits reinterpreted as a signed integer or a float32.
 float32, float64, int32 = (
     partial(_converted, kind=kind) for kind in ("float32", "float64", "int32")
 )
@@ -164,7 +155,7 @@ signed_bits, from_float_bits = (
 
 
 def wide_product(x: Array, factor: int) -> tuple[Array, Array]:
-    """Upper and lower 32 bits of the 64 bits of x·factor. On NumPy both are in uint64."""
+    """Return the upper and lower 32 bits of x·factor; in uint64 on NumPy."""
     if is_numpy(x):
         both = x * np.uint64(factor)
         high = both >> np.uint64(32)
@@ -174,7 +165,7 @@ def wide_product(x: Array, factor: int) -> tuple[Array, Array]:
 
 
 def xor3(fresh: Array, x: Array, key: Array) -> Array:
-    """fresh ^ x ^ key, written into the memory of ``fresh`` where that has the shape of the result."""
+    """Return fresh ^ x ^ key, in the memory of ``fresh`` if its shape fits."""
     if not isinstance(fresh, np.ndarray) or fresh.shape != np.broadcast_shapes(
         fresh.shape, np.shape(x)
     ):
@@ -185,12 +176,11 @@ def xor3(fresh: Array, x: Array, key: Array) -> Array:
 
 
 def count_at_or_below(levels: Array, x: Array) -> Array:
-    """How many of the sorted ``levels`` are ≤ x, as floats of the precision of ``x``."""
+    """Return how many of the sorted ``levels`` are ≤ x, as floats with the precision of ``x``."""
     if is_numpy(x):
         precision = np.asarray(x).dtype
-        return np.searchsorted(np.asarray(levels, dtype=precision), x, side="right").astype(
-            precision
-        )
+        table = np.asarray(levels, dtype=precision)
+        return np.searchsorted(table, x, side="right").astype(precision)
     dr = drjit_module()
     index, table = dr.uint32_array_t(type(x)), type(x)(np.asarray(levels, dtype=np.float32))
     count = index(0)
@@ -203,14 +193,12 @@ def count_at_or_below(levels: Array, x: Array) -> Array:
 
 
 def any_positive(x: Array) -> bool:
-    """Whether any element of ``x`` is above zero; True for a Dr.Jit array, which is not evaluated for this."""
-    if is_numpy(x):
-        return bool(np.any(np.asarray(x) > 0))
-    return True
+    """Return True if any element of ``x`` is above zero, and for Dr.Jit arrays, which are not evaluated."""
+    return not is_numpy(x) or bool(np.any(np.asarray(x) > 0))
 
 
 def product(x: Array, y: Array) -> Array:
-    """x·y with ∞·0 = 0. (Dr.Jit arrays here are never infinite: from_numpy limits them.)"""
+    """Return x·y with ∞·0 = 0. (Dr.Jit arrays are finite, because from_numpy clips them.)"""
     if not is_numpy(x, y):
         return x * y
     with np.errstate(invalid="ignore"):
@@ -223,7 +211,7 @@ def product(x: Array, y: Array) -> Array:
 def replace_where(
     condition: Array, base: Array, function: Callable[..., Array], *arguments: Array
 ) -> Array:
-    """``function(*arguments)`` where ``condition`` holds, which is rare, else ``base``; computed only where needed."""
+    """Return ``function(*arguments)`` where the rare ``condition`` holds, else ``base``; computed only where needed."""
     if not is_numpy(condition):
         return drjit_module().if_stmt(
             (base, *arguments), condition, lambda _, *a: function(*a), lambda same, *_: same
@@ -238,7 +226,7 @@ def replace_where(
 def branch(
     condition: Array, yes: Callable[..., Array], no: Callable[..., Array], *arguments: Array
 ) -> Array:
-    """``yes(*arguments)`` where ``condition`` holds, else ``no(*arguments)``; each computes its own pixels only."""
+    """Return ``yes(*arguments)`` where ``condition`` holds, else ``no(*arguments)``, each only for its pixels."""
     if not is_numpy(condition):
         return drjit_module().if_stmt(arguments, condition, yes, no)
     if not condition.any():
@@ -257,7 +245,7 @@ def loop(
     step: Callable[..., tuple[Array, ...]],
     state: tuple[Array, ...],
 ) -> Array:
-    """Repeats ``state = step(*state)`` for every pixel while ``going(*state)`` holds; the last array of ``state``."""
+    """Repeat ``state = step(*state)`` for every pixel while ``going(*state)`` holds; return its last array."""
     if not is_numpy(state[0]):
         return drjit_module().while_loop(state, going, step)[-1]
     result = np.empty_like(state[-1])
@@ -271,16 +259,15 @@ def loop(
 
 
 def interpolate(x: Array, points: Array, values: Array) -> Array:
-    """Linear interpolation between the points, 0 outside them."""
+    """Return the linear interpolation between points, 0 outside."""
     return np.interp(x, points, values, left=0.0, right=0.0)
 
 
 def weighted_sum(layers: Array, weights: Array) -> Array:
-    """Σ_k layers[..., k]·weights[k], (H, W); an infinite layer of weight 0 adds 0."""
+    """Return Σ_k layers[..., k]·weights[k], shape (H, W); an infinite layer of weight 0 adds 0."""
     weights = np.asarray(weights)
     with np.errstate(invalid="ignore"):
-        one = weights.size == 1  # for which einsum is ten times slower
-        if one:
+        if weights.size == 1:  # einsum is ten times slower
             total = layers[..., 0] * weights[0]
         else:
             total = np.einsum("...k,k->...", layers, weights)
@@ -291,13 +278,9 @@ def weighted_sum(layers: Array, weights: Array) -> Array:
 
 
 def ratio(x: Array, y: Array, otherwise: float) -> Array:
-    """x/y where y is positive and finite, else ``otherwise``."""
+    """Return x/y where y is positive and finite, else ``otherwise``."""
     good = np.isfinite(y) & (np.asarray(y) > 0)
     return np.where(good, x / np.where(good, y, 1.0), otherwise)
 
 
-scalar_exp, scalar_log, scalar_sqrt = (
-    math.exp,
-    math.log,
-    math.sqrt,
-)  # of one Python number, in float64
+scalar_exp, scalar_log, scalar_sqrt = math.exp, math.log, math.sqrt  # of Python numbers

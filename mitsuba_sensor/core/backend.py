@@ -1,7 +1,7 @@
-"""Backends that compute pixels: NumPy in float64 (the reference), NumPy in float32; drjit_backend.py has the third.
+"""Backends that compute pixels: NumPy in float64 (the reference) and in float32; drjit_backend.py has the third.
 
-All draw the same random bits (counter_rng.py). The two float32 backends share every formula (quantiles.py) and agree
-bit for bit; the reference uses SciPy's quantile functions (distributions.py) and shows the error of float32.
+All backends draw the same random bits (counter_rng.py). The two float32 backends share their formulas (quantiles.py)
+and agree bit for bit. The reference uses SciPy's quantile functions (distributions.py) and reveals the float32 error.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from .noise_distributions import NoiseDistribution
     from .sensor_window import SensorWindow
 
-# Larger numbers, and +inf, are set to this: every pixel saturates long before, and ∞·0 cannot occur.
 FLOAT32_LIMIT = 1e30
+"""Larger numbers and +inf are clipped here; every pixel saturates long before, and ∞·0 cannot occur."""
 
 
 class PendingStrip:
-    """Digital numbers of a row strip that a backend may still be computing. On NumPy they are ready at once.
+    """Digital numbers of a row strip that a backend may still be computing; NumPy has computed them.
 
-    counts : how many pixels each mask holds, when the numbers are copied.
+    counts : name of a mask → its number of pixels, after the copy.
     """
 
     counts: Mapping[str, int] = MappingProxyType({})
@@ -37,38 +37,39 @@ class PendingStrip:
         """Start the computation in other threads."""
 
     def wait(self) -> None:
-        """Return when they are computed."""
+        """Wait until they are computed."""
 
     def copy(self) -> None:
         """Copy them to the output array."""
 
 
 class Backend:
-    """What a backend provides; this one is the reference: NumPy, float64, exact quantile functions."""
+    """The reference backend: NumPy, float64, exact quantile functions.
+
+    compiled : the stages are traced once and run as a kernel, not computed step by step.
+    bytes_of_numpy : the digital numbers equal NumPy's in the same precision, byte for byte.
+    strip_pixels : computed at a time. With fewer, threads wait for each other; with more, arrays leave the cache.
+    """
 
     precision: Literal["float32", "float64"] = "float64"
-    compiled: bool = False  # whether the stages are traced once and run as a kernel, not computed step by step
-    bytes_of_numpy: bool = (
-        True  # whether the digital numbers are NumPy's in the same precision, byte for byte
-    )
-    # Pixels that are computed at a time. Fewer, and threads wait for each other at every operation; more, and the
-    # temporary arrays leave the cache.
+    compiled: bool = False
+    bytes_of_numpy: bool = True
     strip_pixels: int = 2**17
 
     def number(self, value: float) -> Array:
-        """A parameter of the camera in the precision of the pixels."""
+        """Return a camera parameter in the precision of the pixels."""
         return value
 
     def from_numpy(self, values: Array, window: SensorWindow) -> Array:
-        """NumPy values, (H, W), (1, W), (H, 1) or one, as an array of this backend, limited to 1e30."""
+        """Return NumPy values, shape (H, W), (1, W), (H, 1) or one value, as this backend's array, at most 1e30."""
         return np.minimum(np.asarray(values, dtype=np.float64), FLOAT32_LIMIT)
 
     def to_numpy(self, signal: Array, window: SensorWindow) -> NumpyArray:
-        """An array of this backend as a NumPy array (H, W)."""
+        """Return an array of this backend as a NumPy array (H, W)."""
         return np.broadcast_to(np.asarray(signal), window.shape)
 
     def neighbour(self, signal: Array, window: SensorWindow, rows: int, columns: int) -> Array:
-        """What the pixels so many rows below and columns to the right have, or the last pixel of the window there."""
+        """Return the signal of the pixels this many rows below and columns to the right; edge pixels repeat."""
         below = np.clip(np.arange(window.shape[0]) + rows, 0, window.shape[0] - 1)
         right = np.clip(np.arange(window.shape[1]) + columns, 0, window.shape[1] - 1)
         return np.broadcast_to(signal, window.shape)[np.ix_(below, right)]
@@ -76,25 +77,27 @@ class Backend:
     def pending(
         self, signal: Array, window: SensorWindow, out: NumpyArray, masks: Mapping[str, Array]
     ) -> PendingStrip:
-        """Digital numbers that go into ``out``, (H, W) of an integer type; and masks whose pixels are counted."""
+        """Write digital numbers into ``out``, integers (H, W), and count the pixels of masks."""
         out[...] = signal
         done = PendingStrip()
         done.counts = {
-            name: int(np.sum(np.broadcast_to(mask, out.shape))) for name, mask in masks.items()
+            name: int(np.count_nonzero(np.broadcast_to(mask, out.shape)))
+            for name, mask in masks.items()
         }
         return done
 
     def evaluate(self, window: SensorWindow) -> None:
-        """Compute the FPN maps of the window now, once."""
+        """Compute the FPN maps of the window now."""
 
     def random_bits(
         self, block: int, window: SensorWindow, frame: int, key: int
     ) -> tuple[Array, Array, Array, Array]:
-        """Four random 32-bit integers of ``block`` for every pixel of the window."""
+        """Return four random 32-bit integers of ``block`` for every pixel of the window."""
         return random_bits_at(block, window.rows[:, None], window.columns[None, :], frame, key)
 
-    # Random bits to random numbers: uniform between 0 and 1; standard normal, also from a survival probability; of mean
-    # 1 and given coefficient of variation log-normal, gamma, and inverse Gaussian (Wald); standard logistic and Moyal.
+    # Random bits to random numbers: uniform between 0 and 1; standard normal, also from a survival probability;
+    # log-normal, gamma and inverse Gaussian (Wald) of mean 1 and given coefficient of variation; standard logistic and
+    # Moyal.
     uniform = staticmethod(distributions.survival)
     normal = staticmethod(distributions.normal)
     normal_of = staticmethod(distributions.normal_of)
@@ -105,40 +108,40 @@ class Backend:
     wald = staticmethod(distributions.wald)
 
     def distributed(self, bits: Array, distribution: NoiseDistribution) -> Array:
-        """Numbers of mean 0 and variance 1 with this distribution."""
+        """Return numbers of mean 0 and variance 1 with this distribution."""
         return distribution.quantile(distributions.survival(bits))
 
     def poisson(self, bits: Array, mean: Array) -> Array:
-        """Poisson counts of this ``mean``, one for all or one per pixel."""
+        """Return Poisson counts of this ``mean``, one for all or one per pixel."""
         return distributions.poisson(bits, mean)
 
     def gamma_of_shape(self, bits: Array, shape: Array) -> Array:
-        """Gamma numbers of this ``shape``, one per pixel, which is their mean and their variance."""
+        """Return gamma numbers with mean and variance ``shape``, one per pixel."""
         return distributions.gamma_of_shape(bits, shape)
 
     def split(
         self, bits: Array, count: Array, light: Array, dark: Array
     ) -> tuple[Array, Array]:
-        """A Poisson count of mean light + dark in two independent ones, by thinning: each electron is either."""
+        """Split Poisson counts of mean light + dark into two independent counts, by binomial thinning."""
         counted = distributions.binomial(bits, count, dark, light)
         return count - counted, counted
 
     def bernoulli(self, bits: Array, probability: Array) -> Array:
-        """1 with this ``probability``, one per pixel, else 0."""
+        """Return 1 with this ``probability``, one per pixel, else 0."""
         return arrays.where(self.uniform(bits) < probability, 1.0, probability * 0.0)
 
 
 class NumpyFloat32(Backend):
-    """NumPy in float32, one row strip at a time, with the quantile functions of quantiles.py."""
+    """NumPy in float32, with the quantile functions of quantiles.py."""
 
     precision: Literal["float32", "float64"] = "float32"
 
     def number(self, value: float) -> Array:
-        """The nearest float32."""
+        """Return the nearest float32."""
         return np.float32(within_float32(value))
 
     def from_numpy(self, values: Array, window: SensorWindow) -> Array:
-        """The nearest float32s."""
+        """Return the nearest float32 values."""
         single = np.empty(np.shape(values), dtype=np.float32)
         return np.minimum(values, FLOAT32_LIMIT, out=single, casting="same_kind")
 
@@ -150,9 +153,8 @@ class NumpyFloat32(Backend):
 
     def lognormal(self, bits: Array, cv: float) -> Array:
         variance = math.log1p(cv * cv)
-        return quantiles.lognormal(
-            bits, self.number(math.sqrt(variance)), self.number(0.5 * variance)
-        )
+        parameters = map(self.number, (math.sqrt(variance), 0.5 * variance))
+        return quantiles.lognormal(bits, *parameters)
 
     def gamma(self, bits: Array, cv: float) -> Array:
         series = distributions.gamma_series(
@@ -173,9 +175,8 @@ class NumpyFloat32(Backend):
         return quantiles.wald(z, u, self.number(cv))
 
     def poisson(self, bits: Array, mean: Array) -> Array:
-        return quantiles.poisson(
-            bits, np.broadcast_to(np.asarray(mean, dtype=np.float32), bits.shape)
-        )
+        mean = np.broadcast_to(np.asarray(mean, dtype=np.float32), bits.shape)
+        return quantiles.poisson(bits, mean)
 
     def split(
         self, bits: Array, count: Array, light: Array, dark: Array
@@ -189,7 +190,7 @@ class NumpyFloat32(Backend):
 
 
 def aligned_float32(shape: tuple[int, ...]) -> Float32Array:
-    """An empty array aligned to 64 bytes, which Dr.Jit reads in place; other alignments need a kernel of their own."""
+    """Return an empty array aligned to 64 bytes, which Dr.Jit reads in place with the same kernel."""
     size = math.prod(shape)
     memory = np.empty(size + 16, dtype=np.float32)
     start = -memory.ctypes.data % 64 // 4
@@ -197,7 +198,7 @@ def aligned_float32(shape: tuple[int, ...]) -> Float32Array:
 
 
 def within_float32(value: float) -> float:
-    """``value`` limited to −1e30 … 1e30, so that float32 products of it stay finite."""
+    """Return ``value`` clipped to ±1e30, so its float32 products stay finite."""
     return min(max(value, -FLOAT32_LIMIT), FLOAT32_LIMIT)
 
 
@@ -205,10 +206,10 @@ NUMPY_FLOAT64, NUMPY_FLOAT32 = Backend(), NumpyFloat32()
 
 
 def normals(backend: Backend, bits: Array) -> Array:
-    """Standard normals, as a distribution of an FPN map."""
+    """Return standard normals, as the distribution of an FPN map."""
     return backend.normal(bits)
 
 
 def uniforms(backend: Backend, bits: Array) -> Array:
-    """Uniforms between 0 and 1, as a distribution of an FPN map."""
+    """Return uniforms between 0 and 1, as the distribution of an FPN map."""
     return backend.uniform(bits)

@@ -1,4 +1,4 @@
-"""Averages of curves over spectral bands: exact for curves that are linear between their points."""
+"""Averages of curves over spectral bands; exact for piecewise linear curves."""
 
 from __future__ import annotations
 
@@ -9,18 +9,16 @@ import numpy as np
 from .types import Float64Array
 
 Curves = Callable[[Float64Array], Float64Array]
-HALF = (
-    3 / 5
-) ** 0.5 / 2  # Gauss's three nodes on an interval of 1, exact for polynomials of degree 5
+HALF = (3 / 5) ** 0.5 / 2  # three-point Gauss rule, exact for polynomials of degree 5
 NODES, WEIGHTS = np.array([0.5 - HALF, 0.5, 0.5 + HALF]), np.array([5.0, 8.0, 5.0]) / 18
 
 
 def band_integrals(
     curves: Curves, points_nm: Float64Array, low_nm: Float64Array, high_nm: Float64Array
 ) -> Float64Array:
-    """∫ curves(λ) dλ from ``low_nm`` to ``high_nm``, (B,) each: (…, B).
+    """Return ∫ curves(λ) dλ from ``low_nm`` to ``high_nm``, shape (B,) each: shape (…, B).
 
-    curves : of (N,) wavelengths, (…, N); between neighbours of ``points_nm`` a polynomial of degree 5 at most.
+    curves : maps (N,) wavelengths to (…, N); polynomials of degree 5 or less between neighbouring ``points_nm``.
     """
     places = np.unique(np.concatenate([points_nm, low_nm, high_nm]))
     widths = np.diff(places)
@@ -36,7 +34,7 @@ def band_integrals(
 def photon_averages(
     curves: Curves, points_nm: Float64Array, centres_nm: Float64Array, widths_nm: Float64Array
 ) -> Float64Array:
-    """Means over bands, weighted by the photons of a flat spectrum: ∫ curves·λ dλ / (λ_c·Δλ), (…, B)."""
+    """Return means over bands, weighted by the photons of a flat spectrum: ∫ curves·λ dλ / (λ_c·Δλ), (…, B)."""
     low, high = centres_nm - widths_nm / 2, centres_nm + widths_nm / 2
     return band_integrals(lambda nm: curves(nm) * nm, points_nm, low, high) / (
         centres_nm * (high - low)

@@ -1,8 +1,8 @@
-"""Checks of the arguments of public functions that both rendering and the sensor use."""
+"""Checks of arguments that both rendering and the sensor use."""
 
 import os
 from pathlib import Path
-from typing import TypeVar, cast, overload
+from typing import Any
 
 import numpy as np
 
@@ -10,82 +10,66 @@ from .errors import InputError, require_seed, shown
 from .exposure import Exposure
 from .types import Float64Array, NumpyArray
 
-Value = TypeVar("Value")
-LIGHT_FILE = "read the file first, an irradiance.exr by ms.read_irradiance"
+LIGHT_FILE = "read the file first, e.g. ms.read_irradiance(path)"
 PICTURE_FILE = "read the picture first, e.g. np.asarray(PIL.Image.open(path))"
-OTHER_KINDS = {"b": "of bool, as a mask or a picture has it", "c": "complex"}
-"""What arrays are that are no arrays of real numbers, by NumPy's kind of dtype."""
-SMALLEST, LARGEST = 1e-30, 1e30
-"""Of the largest value of measured numbers: squares of their squares are neither 0 nor infinite."""
+OTHER_KINDS = {"b": "a Boolean array, e.g. a mask", "c": "complex"}
+"""Kind of a NumPy dtype that does not hold real numbers → description."""
+PEAK_MIN, PEAK_MAX = 1e-30, 1e30
+"""Allowed range of the largest value of an array: its fourth power is neither 0 nor infinite."""
 
 
 def check_types(camera: object, exposure: object, optional: bool = False) -> None:
-    """Raise InputError unless ``camera`` is a Camera and ``exposure`` an Exposure.  optional : either may be None."""
+    """Raise InputError unless ``camera`` is a Camera and ``exposure`` an Exposure.  optional : both may be None."""
     if not hasattr(camera, "quantum_efficiency") and not (optional and camera is None):
         raise InputError(
-            f"camera is {camera!r}; pass a Camera, or the name of one, e.g. 'konnik_table1'."
+            f"camera is {shown(camera)}; pass a Camera or the name of a camera, e.g. 'konnik_table1'."
         )
-    if not isinstance(exposure, Exposure) and not (optional and exposure is None):
-        raise InputError(_exposure_sentence(exposure))
-
-
-def _exposure_sentence(exposure: object) -> str:
-    """What to pass in place of this exposure."""
-    is_number = isinstance(exposure, int | float) and not isinstance(exposure, bool)
-    if is_number:
-        return (
-            f"exposure is the number {exposure!r}; for an exposure time of {exposure!r} s pass "
-            f"Exposure(time_s={exposure!r})."
+    if isinstance(exposure, Exposure) or (optional and exposure is None):
+        return
+    example = "e.g. Exposure(time_s=0.1)"
+    if isinstance(exposure, int | float) and not isinstance(exposure, bool):
+        raise InputError(
+            f"exposure is the number {exposure!r}; for {exposure!r} s, pass Exposure(time_s={exposure!r})."
         )
-    example = "pass an Exposure, e.g. Exposure(time_s=0.1)"
-    is_auto = isinstance(exposure, str) and exposure == "auto"
-    if is_auto or hasattr(exposure, "unit_exposure"):
-        return (
-            f"exposure is {exposure!r}, and only rendered light (an Irradiance) is metered, by capture, expose and "
-            f"stream; {example}."
+    if (isinstance(exposure, str) and exposure == "auto") or hasattr(exposure, "unit_exposure"):
+        raise InputError(
+            f"exposure is {shown(exposure)}, but only rendered light (an Irradiance) can be metered, by capture, "
+            f"expose or stream; pass an Exposure, {example}."
         )
-    return (
-        f'exposure is {exposure!r}; {example}, or "auto" where rendered light is to be metered.'
+    raise InputError(
+        f'exposure is {shown(exposure)}; pass an Exposure, {example}, or "auto" for rendered light.'
     )
 
 
 def refuse_masked(name: str, values: object) -> None:
-    """Raise InputError for an array of numpy.ma in which any value is masked; NumPy would go on without the mask."""
-    if isinstance(values, list | tuple):
-        parts = values
-    else:
-        parts = (values,)
-    masks = [getattr(part, "mask", None) for part in parts]
+    """Raise InputError for an array of numpy.ma with masked values; NumPy would ignore the mask."""
+    arrays = values if isinstance(values, list | tuple) else (values,)
+    masks = [getattr(array, "mask", None) for array in arrays]
     masked = sum(int(np.sum(mask)) for mask in masks if isinstance(mask, np.ndarray | np.bool_))
     if masked:
         raise InputError(
-            f"{name} has {masked} masked value(s), of which nothing is known; pass numbers instead, e.g. "
-            f"{name}.filled(0.0), or leave those pixels out."
+            f"{name} has {masked} masked value(s); fill them, e.g. {name}.filled(0.0), or omit those pixels."
         )
 
 
 def refuse_path(name: str, values: object, remedy: str) -> None:
-    """Raise InputError for the name of a file in place of an array.  remedy : how the file is read."""
-    is_path = isinstance(values, os.PathLike)
-    if isinstance(values, str):
-        is_path = os.path.splitext(values)[1][1:2].isalpha()
-    if is_path:
-        raise InputError(f"{name} is the name of a file, {str(values)[:200]!r}; {remedy}.")
+    """Raise InputError for a file name instead of an array.  remedy : how to read the file."""
+    has_suffix = isinstance(values, str) and os.path.splitext(values)[1][1:2].isalpha()
+    if has_suffix or isinstance(values, os.PathLike):
+        raise InputError(f"{name} is the file name {str(values)[:200]!r}; {remedy}.")
 
 
 def numbers(name: str, values: object, remedy: str) -> Float64Array:
-    """``values`` as float64; InputError for text, booleans, complex numbers, ragged lists, masked values and None.
+    """Return ``values`` as float64.  remedy : what to pass.
 
-    remedy : what to pass.
+    Raises InputError for text, booleans, complex numbers, ragged lists, masked values and None.
     """
     refuse_masked(name, values)
     refuse_path(name, values, f"{LIGHT_FILE}; pass {remedy}")
     try:
         array = np.asarray(values)
     except ValueError:
-        raise InputError(
-            f"{name} is ragged, its rows have different lengths; pass {remedy}."
-        ) from None
+        raise InputError(f"{name} has rows of different lengths; pass {remedy}.") from None
     if array.dtype.kind not in "iuf":
         kind = OTHER_KINDS.get(array.dtype.kind, "not numeric")
         raise InputError(f"{name} is {kind}; pass {remedy}.")
@@ -93,56 +77,50 @@ def numbers(name: str, values: object, remedy: str) -> Float64Array:
 
 
 def finite_numbers(name: str, values: object, remedy: str) -> Float64Array:
-    """``values`` as float64, as :func:`numbers` and :func:`require_finite` have them.  remedy : what to pass."""
+    """Return ``values`` as float64, checked by :func:`numbers` and :func:`require_finite`.  remedy : what to pass."""
     array = numbers(name, values, remedy)
     require_finite(name, array, remedy)
     return array
 
 
 def require_finite(name: str, array: NumpyArray, remedy: str) -> None:
-    """Raise InputError for NaN and infinity in an array, and where all of it is too small or any too large."""
+    """Raise InputError if an array holds NaN or infinity, or if its peak is below 1e-30 or above 1e30."""
     if wrong := array.size - int(np.count_nonzero(np.isfinite(array))):
         raise InputError(
-            f"{name} is NaN or infinite in {wrong} place(s); pass finite {remedy}."
+            f"{name} has {wrong} value(s) that are NaN or infinite; pass finite {remedy}."
         )
     largest = max(float(array.max(initial=0.0)), -float(array.min(initial=0.0)))
-    if largest and not SMALLEST <= largest <= LARGEST:
+    if largest and not PEAK_MIN <= largest <= PEAK_MAX:
         raise InputError(
-            f"{name} has values up to {largest:.3g}; pass {remedy}, in a unit in which the largest is from "
-            f"{SMALLEST:g} to {LARGEST:g}."
+            f"{name} has values up to {largest:.3g}; pass {remedy}, in a unit in which the largest value is from "
+            f"{PEAK_MIN:g} to {PEAK_MAX:g}."
         )
 
 
 def require_path(name: str, path: object, example: str) -> Path:
-    """A path, as text or path. Raises InputError for anything else.  example : of what to pass."""
+    """Return a text or path as a Path; else raise InputError.  example : a path to pass."""
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"{name} is {shown(path)}; pass a path, e.g. {example!r}.")
     return Path(path)
 
 
 def require_pair(name: str, pair: object, what: str) -> tuple[int, int]:
-    """Two whole numbers of rows and columns. Raises InputError.  what : they are, with an example."""
+    """Return two whole numbers, rows and columns; else raise InputError.  what : their meaning, with an example."""
     if not isinstance(pair, tuple | list) or len(pair) != 2:
         raise InputError(f"{name} is {shown(pair)}; it must be {what}.")
     return require_seed(name, pair[0]), require_seed(name, pair[1])
 
 
-def require_frame(number: object, count: int) -> int:
-    """The number of one of the frames, from 0, or from the end. Raises InputError."""
-    whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
-    if not whole or not -count <= int(cast(int, number)) < count:
+def require_frame(number: Any, count: int) -> int:
+    """Return the number of a frame, from 0, or from -1 for the last frame backwards; else raise InputError."""
+    is_whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
+    if not is_whole or not -count <= int(number) < count:
         raise InputError(
-            f"number is {shown(number)}; the frames are numbered from 0 to {count - 1}."
+            f"number is {shown(number)}; it must be from 0 to {count - 1}, or -1 for the last frame."
         )
-    return int(cast(int, number))
+    return int(number)
 
 
-@overload
-def first_given(value: Value | None, default: Value, /) -> Value: ...
-@overload
-def first_given(value: Value | None, other: Value | None, default: Value, /) -> Value: ...
-@overload
-def first_given(*values: Value | None) -> Value | None: ...
-def first_given(*values: Value | None) -> Value | None:
-    """The first value that is not None; None if all are."""
+def first_given(*values: Any) -> Any:
+    """Return the first value that is not None, or None."""
     return next((value for value in values if value is not None), None)

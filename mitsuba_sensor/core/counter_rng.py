@@ -1,10 +1,9 @@
 """Counter-based random number generator (RNG), Philox4x32-10: 32 random bits per noise source, pixel and frame.
 
-Philox (Salmon et al., SC'11) is a function of a key and a counter that returns four 32-bit integers; it has no state.
-The key is a hash of what a stream belongs to: of FPN maps the camera's name and serial number; of temporal noise
-these, the seed, the gain setting and the exposure. The counter is (x, y, frame, block) in *sensor* coordinates. Hence
-the crop of a frame equals the frame of the crop, frame 12 can be computed without frames 0 to 11, and switching one
-noise source off leaves the random bits of all others as they are.
+Philox (Salmon et al., SC'11) maps a key and a counter to four 32-bit integers, without state. For FPN maps, the key is
+a hash of the camera's name and serial number. For temporal noise, it also includes seed, gain setting and exposure.
+The counter is (x, y, frame, block) in *sensor* coordinates. Therefore the crop of a frame equals the frame of the crop,
+frame 12 needs no frames 0 to 11, and switching off one noise source does not change the random bits of the others.
 """
 
 import hashlib
@@ -24,12 +23,12 @@ _M0, _M1 = 0xD2511F53, 0xCD9E8D57
 _W0, _W1 = 0x9E3779B9, 0xBB67AE85
 _MASK = 0xFFFF_FFFF
 
-FIXED_PATTERN = (
-    0x8000_0000  # bit of the block number that is set for FPN maps and clear for temporal noise
-)
-FROM_NAME = 0x4000_0000  # bit for sources that are not in STREAMS; the 30 bits below it are a hash of the name
+# Bit of the block number: set for FPN maps, clear for temporal noise.
+FIXED_PATTERN = 0x8000_0000
+# Bit for sources outside STREAMS; the 30 bits below are a hash of the name.
+FROM_NAME = 0x4000_0000
 
-# Noise source → stream (block, slot 0 … 3). Never change a line: the frames of a seed depend on it.
+# Noise source → stream (block, slot 0 to 3). Never change a line: the frames of a seed depend on it.
 _SLOTS = {
     0: ("photon_shot", "dark_shot", "source_follower", "reset"),
     1: ("rtn_pixels", "rts_state", "quantum_yield", "compensation"),
@@ -44,7 +43,7 @@ STREAMS = {
     for slot, source in enumerate(sources)
 }
 
-OF_CHARGE = frozenset(
+CHARGE_SOURCES = frozenset(
     (
         *("photon_shot", "dark_shot", "quantum_yield", "compensation", "rts_state", "rts_site"),
         *("radiation_hit", "radiation_charge", "overflow_dark", "overflow"),
@@ -52,11 +51,11 @@ OF_CHARGE = frozenset(
         *("prnu", "prnu_pick", "dark_fpn", "dark_fpn_pick", "dark_component"),
     )
 )
-"""Noise sources of the photodiode and the charge in it, which several read-outs of one charge have in common."""
+"""Noise sources of the photodiode and its charge, shared by all readouts of the charge."""
 
 
 def stream_of(source: str, fixed: bool = False) -> tuple[int, int]:
-    """Stream (block, slot) of a noise source, ``fixed`` for an FPN map; one not in ``STREAMS`` has it from its name."""
+    """Return the stream (block, slot) of a noise source, ``fixed`` for an FPN map; unlisted names are hashed."""
     if source in STREAMS:
         return STREAMS[source]
     block = FROM_NAME | (zlib.crc32(source.encode()) & (FROM_NAME - 1))
@@ -64,13 +63,13 @@ def stream_of(source: str, fixed: bool = False) -> tuple[int, int]:
 
 
 def key_of(*parts: str | int | float) -> int:
-    """A 64-bit key: the BLAKE2b hash of these parts; of real numbers nine digits count, whatever their last bits."""
+    """Return a 64-bit key, the BLAKE2b hash of these parts; floats enter with nine digits."""
     text = json.dumps([f"{x + 0.0:.9g}" if isinstance(x, float) else x for x in parts])
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "little")
 
 
 def philox(counter: Counter, key: tuple[Array, Array]) -> Counter:
-    """Four random 32-bit integers at a counter of four, under a key of two: in uint64 on NumPy, uint32 on Dr.Jit."""
+    """Return four random 32-bit integers for a counter and a key; uint64 on NumPy, uint32 on Dr.Jit."""
     x0, x1, x2, x3 = counter
     k0, k1 = key
     for _ in range(10):
@@ -81,7 +80,7 @@ def philox(counter: Counter, key: tuple[Array, Array]) -> Counter:
 
 
 def split_key(key: int) -> tuple[int, int]:
-    """Lower and upper 32 bits of a 64-bit key."""
+    """Return the lower and upper 32 bits of a 64-bit key."""
     return key & _MASK, key >> 32
 
 
@@ -92,9 +91,9 @@ def random_bits_at(
     frame: int | NDArray[np.integer],
     key: int,
 ) -> tuple[RandomBits, RandomBits, RandomBits, RandomBits]:
-    """Four random 32-bit integers of ``block`` at (rows, columns, frame), which broadcast together, on NumPy.
+    """Return four random 32-bit integers of ``block`` at (rows, columns, frame), broadcast together, on NumPy.
 
-    frame : below 2^32; or 2^32, which has the bits that frame 0 would have in a row beyond any sensor.
+    frame : at most 2^32, which has the bits of frame 0 in a row outside every sensor.
     """
     x, y = (n.astype(np.uint64) & np.uint64(_MASK) for n in (columns, rows))
     z = np.asarray(frame).astype(np.uint64)

@@ -1,4 +1,4 @@
-"""Rows of a table in a text file: separated by commas, semicolons or tabs, as spreadsheets write them."""
+"""Rows of a text table separated by commas, semicolons or tabs, as spreadsheets write it."""
 
 import csv
 import re
@@ -6,18 +6,19 @@ from collections.abc import Collection, Mapping
 
 from .errors import InputError
 
-SEPARATORS = ";\t,"  # the first of them in the header separates; with the others a comma may be a decimal comma
-SEPARATED = "separated by commas, semicolons or tabs"  # for what is said of a file that is not
+# The first one in the header counts; with ; and tab, a comma is a decimal comma.
+SEPARATORS = ";\t,"
+SEPARATED = "separated by commas, semicolons or tabs"  # for messages
 TITLE = re.compile(
     r"(?P<name>.*?)[\s_/]*(?:\[(?P<b>.*)\]|\((?P<p>.*)\)|(?<=[\s_/])(?P<w>[^\s_/]+))"
 )
 
 
 def rows_of(text: str, first_names: Collection[str] = ()) -> list[list[str]]:
-    """The cells of every line, without spaces around them; lines that begin with # are comments.
+    """Return the stripped cells of every line; lines that start with # are comments.
 
-    Where semicolons or tabs separate, 0,5 is 0.5. Raises InputError for a cell of 131072 characters or more.
-    first_names : of the first column; a comment that begins with one is a header, as numpy.savetxt writes it.
+    With semicolons or tabs, 0,5 means 0.5. Raises InputError for a cell of 131072 characters or more.
+    first_names : names of the first column; a comment that starts with one is a header, as from numpy.savetxt.
     """
     lines = []
     for line in map(str.strip, text.removeprefix("\ufeff").splitlines()):
@@ -27,18 +28,18 @@ def rows_of(text: str, first_names: Collection[str] = ()) -> list[list[str]]:
             if name.lower() not in first_names:
                 continue
         lines += [line] if line else []
-    separator = next((one for one in SEPARATORS if lines and one in lines[0]), ",")
+    separator = next((mark for mark in SEPARATORS if lines and mark in lines[0]), ",")
     rows = csv.reader(lines, delimiter=separator, skipinitialspace=True)
     try:
         return [[cell.strip().replace(",", ".") for cell in row] for row in rows]
     except csv.Error as error:
         raise InputError(
-            f"a line is no row of cells {SEPARATED}: {error}; correct it."
+            f"a line is not a row of cells {SEPARATED}: {error}; fix it."
         ) from None
 
 
 def name_and_unit(title: str) -> tuple[str, str]:
-    """("time", "ms") of time_ms, time [ms], time (ms) and time / ms; no unit of time. µ is u, and % percent."""
+    """Return ("time", "ms") for time_ms, time [ms], time (ms) and time / ms. µ becomes u, and % percent."""
     plain = re.sub("[\N{MICRO SIGN}\N{GREEK SMALL LETTER MU}]", "u", title.strip())
     plain = plain.replace("%", "percent")
     whole = TITLE.fullmatch(plain)
@@ -50,14 +51,14 @@ def name_and_unit(title: str) -> tuple[str, str]:
 def named_column(
     number: int, title: str, units: Mapping[str, float], names: Collection[str] = ()
 ) -> tuple[str, str]:
-    """Name and unit of a column of a header, counted from 1. Raises ValueError where its unit is not sure.
+    """Return name and unit of a column, counted from 1. Raises ValueError if the unit is unclear.
 
-    names : one of which it must have, in any writing; without them it may have any.
+    names : allowed names in lower case; empty allows any name.
     """
     name, unit = name_and_unit(title)
     if name and unit in units and (not names or name.lower() in names):
         return name, unit
     wanted = " or ".join(f"{next(iter(names), 'NAME')}_{unit}" for unit in units)
     raise ValueError(
-        f"column {number} is called {title[:60]!r}; call it {wanted}, so that the unit is sure, in columns {SEPARATED}"
+        f"column {number} is called {title[:60]!r}; name it {wanted} to state its unit, in columns {SEPARATED}"
     )

@@ -1,8 +1,7 @@
 """Dr.Jit backend: the stages are traced once and compiled into one kernel, for LLVM (CPU) or CUDA (GPU).
 
-Pixels lie in one long array; row and column of a pixel follow from its index. Whatever may change from call to call
-(parameters of the camera, seeds, size of the window) is passed as data ("opaque"), so that only another choice of
-stages compiles another kernel.
+Pixels form one long array; row and column follow from the index. Everything that changes between calls (camera
+parameters, seeds, window size) is passed as data ("opaque"), so only a different set of stages compiles a new kernel.
 """
 
 import importlib
@@ -23,59 +22,52 @@ from .types import Array, DrJitModule, Float64Array, NumpyArray
 
 
 class DrJitBackend(NumpyFloat32):
-    """Dr.Jit in float32.  backend : "llvm" or "cuda".  differentiable : use the types that carry derivatives."""
+    """Dr.Jit in float32.  backend : "llvm" or "cuda".  differentiable : use types that carry derivatives."""
 
     compiled = True
     strip_pixels = (
         2**22
-    )  # per kernel launch: a map has exactly 16 MiB, and Dr.Jit rounds memory up to powers of two
+    )  # per kernel launch: a map has exactly 16 MiB, a power of two for Dr.Jit
 
     def __init__(self, backend: str = "llvm", differentiable: bool = False) -> None:
         self.dr: DrJitModule = drjit()
         self._backend = backend
-        self.bytes_of_numpy = backend == "llvm"  # of CUDA it is not measured yet
-        module = importlib.import_module(
-            f"drjit.{backend}.ad" if differentiable else f"drjit.{backend}"
-        )
+        self.bytes_of_numpy = backend == "llvm"  # not yet measured for CUDA
+        module = importlib.import_module(f"drjit.{backend}{'.ad' * differentiable}")
         self.float, self.uint, self.double = module.Float32, module.UInt32, module.Float64
 
     def __reduce__(self) -> tuple[type[Self], tuple[str]]:
-        """Pickled by its name, for frames that hold one."""
+        """Pickle by name, for frames that hold a backend."""
         return type(self), (self._backend,)
 
     def number(self, value: float) -> Array:
-        """A parameter of the camera: one float32 that the kernel reads as data instead of having it compiled in."""
+        """Return a camera parameter as a float32 that the kernel reads as data, so it is not compiled in."""
         return self.dr.opaque(self.float, within_float32(value))
 
     def from_numpy(self, values: Array, window: SensorWindow) -> Array:
-        """One value per pixel; a line (1, W) or (H, 1) is looked up by the column or row of each pixel."""
+        """Return one value per pixel; lines (1, W) or (H, 1) are looked up by column or row."""
         single = values if _is_ready(values) else aligned_float32(np.shape(values))
         if single is not values:
             np.minimum(values, FLOAT32_LIMIT, out=single, casting="same_kind")
         if single.size == 1:
-            return DrJitBackend.number(
-                self, float(single.ravel()[0])
-            )  # of a map, not of the camera
+            return DrJitBackend.number(self, float(single.ravel()[0]))  # a map, not a parameter
+        values = self.float(single.ravel())
         if single.shape == window.shape:
-            return self.float(single.ravel())
+            return values
         column, row = self._coordinates(window)
-        return self.dr.gather(
-            self.float, self.float(single.ravel()), column if single.shape[0] == 1 else row
-        )
+        return self.dr.gather(self.float, values, column if single.shape[0] == 1 else row)
 
     def filtered(self, layers: Float64Array, filters: Filters, window: SensorWindow) -> Array:
-        """Layers (H, W, B) behind the filters, computed in float64 by the kernel, which reads them in place.
+        """Return layers (H, W, B) after the filters, computed in float64 by the kernel, which reads them in place.
 
-        As :meth:`from_numpy` of the product: limited, and ∞·0 = 0; 0 where the layer is negative or NaN.
+        Like :meth:`from_numpy` of the product: clipped, with ∞·0 = 0; 0 for a negative or NaN layer.
         """
         dr, value = self.dr, self.double(layers.ravel())
         if len(filters.shares) == 1:
             share = dr.opaque(self.double, filters.shares[0])
         else:
-            number, pixel = (
-                self._tiled(filters.tile, window),
-                dr.arange(self.uint, window.shape[0] * window.shape[1]),
-            )
+            number = self._tiled(filters.tile, window)
+            pixel = dr.arange(self.uint, window.shape[0] * window.shape[1])
             layer = dr.gather(self.uint, self.uint(filters.layers), number)
             value = dr.gather(self.double, value, pixel * layers.shape[2] + layer)
             share = dr.gather(self.double, self.double(filters.shares), number)
@@ -84,7 +76,7 @@ class DrJitBackend(NumpyFloat32):
         return self.float(dr.select(product >= 0, limited, 0.0))
 
     def faulty(self, layers: Float64Array) -> Array:
-        """A mask of the pixels in which any of the layers (H, W, B) is negative or NaN."""
+        """Return a mask of the pixels with any negative or NaN layer of (H, W, B)."""
         given, bands = self.double(layers.ravel()), layers.shape[2]
         if bands == 1:
             return ~(given >= 0)
@@ -93,26 +85,24 @@ class DrJitBackend(NumpyFloat32):
         return ~reduce(and_, good)
 
     def schedule(self, *arrays: Array) -> None:
-        """Compute these together with the next kernel."""
+        """Compute these arrays together with the next kernel."""
         self.dr.schedule(*arrays)
 
     def any(self, mask: Array) -> bool:
-        """Whether a mask has a pixel."""
+        """Return True if any pixel of a mask is set."""
         return bool(self.dr.any(mask)[0])
 
     def to_numpy(self, signal: Array, window: SensorWindow) -> NumpyArray:
         """Run the kernel and wait for it."""
         if isinstance(signal, float | int | np.ndarray):
             return np.broadcast_to(np.asarray(signal), window.shape)
-        found = signal.numpy()
-        return (
-            np.broadcast_to(found[0], window.shape)
-            if found.size == 1
-            else found.reshape(window.shape)
+        values = signal.numpy()
+        return np.broadcast_to(
+            values if values.size == 1 else values.reshape(window.shape), window.shape
         )
 
     def neighbour(self, signal: Array, window: SensorWindow, rows: int, columns: int) -> Array:
-        """What the pixels so many rows below and columns to the right have, or the last pixel of the window there."""
+        """Return the signal of the pixels this many rows below and columns to the right; edge pixels repeat."""
         if isinstance(signal, float | int | np.ndarray) or len(signal) == 1:
             return signal
         (height, width), (column, row) = window.shape, self._coordinates(window)
@@ -120,7 +110,7 @@ class DrJitBackend(NumpyFloat32):
         return self.dr.gather(self.float, signal, below * self._opaque(width) + right)
 
     def _moved(self, number: Array, by: int, length: int) -> Array:
-        """Numbers of rows or columns, moved and kept on the window."""
+        """Return shifted row or column numbers, clipped to the window."""
         if by < 0:
             return self.dr.select(number >= -by, number - (-by), self.uint(0))
         return self.dr.minimum(number + by, self._opaque(length - 1))
@@ -128,34 +118,31 @@ class DrJitBackend(NumpyFloat32):
     def pending(
         self, signal: Array, window: SensorWindow, out: NumpyArray, masks: Mapping[str, Array]
     ) -> PendingStrip:
-        """Digital numbers, and masks, that one kernel launch computes."""
+        """Return digital numbers and masks that one kernel launch computes."""
         return KernelLaunch(self.dr, self.uint(signal), out, masks)
 
     def evaluate(self, window: SensorWindow) -> None:
-        """Compute all FPN maps of the window in one kernel, lines too: a look-up is slower than a load."""
+        """Compute all FPN maps of the window in one kernel, also lines, because a look-up is slower than a load."""
         self.dr.eval([x for x in window.cached_values.values() if isinstance(x, self.float)])
 
     def random_bits(
         self, block: int, window: SensorWindow, frame: int, key: int
     ) -> tuple[Array, Array, Array, Array]:
-        """Four random 32-bit integers of ``block`` for every pixel of the window."""
+        """Return four random 32-bit integers of ``block`` for every pixel of the window."""
         column, row = self._coordinates(window)
-        top, left, number, low, high = (
-            self._opaque(value) for value in (*window.origin, frame, *split_key(key))
-        )
+        place = *window.origin, frame, *split_key(key)
+        top, left, number, low, high = map(self._opaque, place)
         return philox((column + left, row + top, number, self.uint(block)), (low, high))
 
     def poisson(self, bits: Array, mean: Array) -> Array:
-        """Poisson counts of this ``mean``, one for all or one per pixel."""
-        zeros = self.dr.zeros(
-            self.float, len(bits)
-        )  # a branch has the length of its condition, not of its arguments
+        """Return Poisson counts of this ``mean``, one for all or one per pixel."""
+        zeros = self.dr.zeros(self.float, len(bits))  # a branch is as long as its condition
         return poisson(bits, self.float(mean) + zeros)
 
     def split(
         self, bits: Array, count: Array, light: Array, dark: Array
     ) -> tuple[Array, Array]:
-        """A Poisson count of mean light + dark in two independent ones."""
+        """Split Poisson counts of mean light + dark into two independent counts."""
         zeros = self.dr.zeros(self.float, len(bits))
         counted = binomial(bits, *(self.float(x) + zeros for x in (count, dark, light)))
         return count - counted, counted
@@ -164,7 +151,7 @@ class DrJitBackend(NumpyFloat32):
         return self.dr.opaque(self.uint, value)
 
     def _coordinates(self, window: SensorWindow) -> tuple[Array, Array]:
-        """Column and row of every pixel: its index modulo and divided by the width, a product with 2³²/width."""
+        """Return column and row of every pixel, from its index and a product with 2³²/width."""
 
         def make() -> tuple[Array, Array]:
             (height, width), select = window.shape, self.dr.select
@@ -172,7 +159,7 @@ class DrJitBackend(NumpyFloat32):
             if width == 1:
                 return number * 0, number
             across = self._opaque(width)
-            row = self.dr.mul_hi(number, self._opaque(2**32 // width))  # the row, or one less
+            row = self.dr.mul_hi(number, self._opaque(2**32 // width))  # may be one too small
             column = number - row * across
             short = column >= across
             return select(short, column - across, column), select(short, row + 1, row)
@@ -180,38 +167,31 @@ class DrJitBackend(NumpyFloat32):
         return window.cached("coordinates", make)
 
     def _tiled(self, tile: tuple[tuple[int, ...], ...], window: SensorWindow) -> Array:
-        """The number in the tile at every pixel; the tile begins at the sensor's first one."""
-        (rows, columns), (top, left), (column, row) = (
-            np.shape(tile),
-            window.origin,
-            self._coordinates(window),
-        )
-        y, x = (
-            (row + self._opaque(top % rows)) % rows,
-            (column + self._opaque(left % columns)) % columns,
-        )
-        return self.dr.gather(
-            self.uint, self.uint([number for line in tile for number in line]), y * columns + x
-        )
+        """Return the number in the tile at every pixel; the tile starts at the sensor's first pixel."""
+        (rows, columns), (top, left) = np.shape(tile), window.origin
+        column, row = self._coordinates(window)
+        y = (row + self._opaque(top % rows)) % rows
+        x = (column + self._opaque(left % columns)) % columns
+        return self.dr.gather(self.uint, self.uint(np.ravel(tile).tolist()), y * columns + x)
 
 
 def _is_ready(values: Array) -> bool:
-    """Whether Dr.Jit can read an array in place: aligned float32, as detection.py makes it, within the limit."""
-    ready = (
+    """Return True if Dr.Jit can read an array in place: aligned float32 within the limit, as from detection.py."""
+    return bool(
         isinstance(values, np.ndarray)
         and values.dtype == np.float32
         and values.flags.c_contiguous
-    )
-    return bool(
-        ready and values.ctypes.data % 64 == 0 and values.size and values.max() <= FLOAT32_LIMIT
+        and values.ctypes.data % 64 == 0
+        and values.size
+        and values.max() <= FLOAT32_LIMIT
     )
 
 
 class KernelLaunch(PendingStrip):
-    """A kernel that other threads run while this one traces the next, or copies the codes of the one before.
+    """A kernel that runs in other threads while this thread traces the next kernel or copies the previous codes.
 
-    Dr.Jit has no 16-bit integers, so NumPy converts. Reading an array waits for *all* kernels; therefore the next
-    kernel is launched after the wait for this one and before its codes are copied.
+    Dr.Jit has no 16-bit integers, so NumPy converts. Reading an array waits for *all* kernels, so the next kernel is
+    launched after the wait for this kernel and before its codes are copied.
     """
 
     def __init__(

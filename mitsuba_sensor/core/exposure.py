@@ -4,10 +4,7 @@ from dataclasses import dataclass
 
 from .errors import require
 
-LONGEST_S, HOTTEST_K = (
-    1e12,
-    1e4,
-)  # beyond any camera: 30 000 years, and six times the melting point of silicon
+TIME_MAX_S, TEMPERATURE_MAX_K = 1e12, 1e4  # beyond any camera
 
 
 @dataclass(frozen=True)
@@ -19,15 +16,19 @@ class Exposure:
         night = ms.Exposure(0.02, temperature_k=273.15)
         frames = ms.expose(photons, camera, night)
 
-    time_s : 0 … 1e12 [s].  temperature_k : 0 … 1e4 [K]; 298.15 K (+25 °C) as in Konnik & Welsh 2014.
-    Raises InputError otherwise.
+    time_s : 0 to 1e12 [s].  temperature_k : 0 to 1e4 [K]; default 298.15 K (+25 °C), as in Konnik & Welsh 2014.
+    Raises InputError for other values.
     """
 
     time_s: float
     temperature_k: float = 298.15
 
     def __post_init__(self) -> None:
-        require("exposure time_s", self.time_s, 0.0, LONGEST_S, "seconds, e.g. 0.1")
+        require("time_s", self.time_s, 0.0, TIME_MAX_S, "seconds, e.g. 0.1")
         require(
-            "temperature_k", self.temperature_k, 0.0, HOTTEST_K, "kelvin, e.g. 298.15 for 25 °C"
+            "temperature_k",
+            self.temperature_k,
+            0.0,
+            TEMPERATURE_MAX_K,
+            "kelvin, e.g. 298.15 for 25 °C",
         )

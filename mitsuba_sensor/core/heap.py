@@ -1,4 +1,4 @@
-"""Memory that was freed and that libraries keep for themselves."""
+"""Return freed memory that libraries keep."""
 
 import ctypes
 import sys
@@ -8,10 +8,10 @@ from .llvm import drjit
 
 
 def trim_heap() -> None:
-    """Give back to the system what was freed: what Dr.Jit keeps for the next kernel, and the C library.
+    """Return memory kept by Dr.Jit and by glibc to the operating system.
 
-    glibc gives back the end of its heap only, unless it is asked (malloc_trim(3)): of a render of two million pixels
-    it keeps some 300 MiB. That takes a few milliseconds; other C libraries are not asked.
+    Without malloc_trim(3), glibc keeps about 300 MiB after a render of two million pixels. The call takes a few
+    milliseconds.
     """
     if "drjit" in sys.modules:
         drjit().flush_malloc_cache()
@@ -21,11 +21,6 @@ def trim_heap() -> None:
 
 @cache
 def _glibc() -> ctypes.CDLL | None:
-    """The C library of this process, if it can be asked."""
-    if sys.platform == "linux":
-        library = ctypes.CDLL(None)
-    else:
-        library = None
-    if hasattr(library, "malloc_trim"):
-        return library
-    return None
+    """Return the C library of this process if it has malloc_trim, else None."""
+    library = ctypes.CDLL(None) if sys.platform == "linux" else None
+    return library if hasattr(library, "malloc_trim") else None

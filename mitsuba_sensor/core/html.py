@@ -1,4 +1,4 @@
-"""HTML from Jinja templates, all text escaped: what objects show in a notebook, and the pages of studies."""
+"""HTML from Jinja templates with escaped text, for notebooks and pages."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-WIDEST_PX, NARROWEST_PX = 480, 160
-"""Widths of a picture on the page; a few pixels are shown enlarged."""
+WIDTH_MAX_PX, WIDTH_MIN_PX = 480, 160
+"""Widths of an image on the page; narrower images are enlarged."""
 
 
 class Table(NamedTuple):
-    """Rows of texts and numbers below a header, which may be empty."""
+    """Rows of texts and numbers below a header; the header may be empty."""
 
     header: Sequence[object]
     rows: Sequence[Sequence[object]]
@@ -32,37 +32,36 @@ class Picture(NamedTuple):
 
 
 def facts(values: Mapping[str, object]) -> Table:
-    """A table of names and values."""
+    """Return a table of names and values."""
     return Table((), tuple(values.items()))
 
 
 def picture(png: bytes, columns: int, described: str) -> Picture:
-    """An embedded PNG of so many columns, enlarged without smoothing where it has few."""
-    width_px = min(max(columns, NARROWEST_PX), WIDEST_PX)
+    """Return an embedded PNG with this many columns; few columns are enlarged without smoothing."""
+    width_px = min(max(columns, WIDTH_MIN_PX), WIDTH_MAX_PX)
     rendering = "pixelated" if columns < width_px else "auto"
     return Picture(base64.b64encode(png).decode(), width_px, rendering, described)
 
 
 def fragment(title: str, *parts: Table | Picture) -> str:
-    """What ``_repr_html_`` returns: a heading and its parts."""
+    """Return a heading and its parts, for ``_repr_html_``."""
     return render_template(
         Path(__file__).with_name("fragment.html.j2"), title=title, parts=parts
     )
 
 
 def render_template(template: Path, **values: object) -> str:
-    """The text of a Jinja template with these values, which are escaped."""
+    """Return the text of a Jinja template with these values, escaped."""
     return _environment(template.parent).get_template(template.name).render(values)
 
 
 @cache
 def _environment(folder: Path) -> Environment:
-    """Jinja, imported with the first page, for the templates of a folder."""
+    """Return Jinja's environment for the templates of a folder; the first page imports Jinja."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    loader = FileSystemLoader(folder)
     return Environment(
-        loader=loader,
+        loader=FileSystemLoader(folder),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -1,12 +1,12 @@
 """Choice of the LLVM library that Dr.Jit loads, and the import of Dr.Jit.
 
-Dr.Jit initialises LLVM when it is *imported*, so the library is chosen before: versions are read from file names and
-ELF sonames, without loading a library. drjit 1.5.0 refuses LLVM 14, and 15 and 16 abort the process (they cannot select
-``llvm.maximum``); 19, 22 and 23 are known to work. The library is chosen when this package is imported, by
-:func:`guard_llvm`; the package itself imports Dr.Jit through :func:`drjit` only.
+Dr.Jit initialises LLVM when it is *imported*, so :func:`guard_llvm` chooses the library before, when this package is
+imported. It reads versions from file names and ELF sonames without loading libraries. drjit 1.5.0 rejects LLVM 14, and
+LLVM 15 and 16 abort the process (they cannot select ``llvm.maximum``); 19, 22 and 23 work. This package imports Dr.Jit
+only through :func:`drjit`.
 
-Libraries of the operating system come first. Where it has none, the package karellen-llvm-core of the Python package
-index brings one into the environment of this interpreter, without root rights.
+Libraries of the operating system come first. If there is none, karellen-llvm-core from the Python package index
+installs one in the environment of this interpreter, without root rights.
 """
 
 import contextlib
@@ -22,12 +22,10 @@ from types import ModuleType
 
 OLDEST_LLVM = 17
 LLVM_PATH = "DRJIT_LIBLLVM_PATH"
-GIVEN_PATH = os.environ.get(LLVM_PATH)  # by the user, before this package changes it
-NO_LIBRARY = (
-    os.devnull
-)  # the path that Dr.Jit gets when no LLVM is usable; it then finds none and says so
+GIVEN_PATH = os.environ.get(LLVM_PATH)  # the user's, before this package changes it
+NO_LIBRARY = os.devnull  # for Dr.Jit if no LLVM is usable; it then reports that it found none
 
-# Dr.Jit searches $LD_LIBRARY_PATH and /usr/lib/<triplet>; Linux distributions, Conda and Homebrew use the others.
+# Dr.Jit searches $LD_LIBRARY_PATH and /usr/lib/<triplet>; distributions, Conda and Homebrew use other folders.
 FOLDERS: tuple[str, ...] = (
     *filter(None, os.environ.get("LD_LIBRARY_PATH", "").split(":")),
     "/usr/lib/x86_64-linux-gnu",
@@ -37,17 +35,16 @@ FOLDERS: tuple[str, ...] = (
 )
 FOLDERS += ("/usr/local/lib", "/usr/lib/llvm-*/lib", "/usr/lib/llvm/*/lib64")
 FOLDERS += ("/opt/homebrew/opt/llvm*/lib", "/usr/local/opt/llvm*/lib")
-# Of this interpreter's environment, where pip, Conda and uv put libraries.
+# This interpreter's environment, where pip, Conda and uv put libraries.
 OWN_FOLDERS: tuple[str, ...] = (
     os.path.join(sys.prefix, "lib"),
     os.path.join(site.getuserbase(), "lib"),
 )
 NAMES = "libLLVM[-.]*dylib" if sys.platform == "darwin" else "libLLVM[-.]*so*"
-DRJIT_CAME_FIRST = "drjit" in sys.modules  # it was imported, with an LLVM, before this package
+DRJIT_CAME_FIRST = "drjit" in sys.modules  # imported, with an LLVM, before this package
 
-
-# What libLLVM of karellen-llvm-core needs, in the order of their needs. Its own links to them appear when Python is
-# started by somebody who may write to its folder; a library that is loaded already needs no link.
+# Dependencies of karellen-llvm-core's libLLVM, in load order. It creates links to them if its folder is writable; a
+# loaded library needs no link.
 COMPANIONS = ("libunwind.so.1.0", "libc++abi.so.1.0", "libc++.so.1.0")
 ON_THE_INDEX = sys.platform == "linux" and os.uname().machine == "x86_64"
 INSTALL = "apt-get install libllvm19"
@@ -57,7 +54,7 @@ if ON_THE_INDEX:
 
 @dataclass(frozen=True)
 class LlvmLibrary:
-    """One LLVM library file on this machine. version : major version, 0 if unknown."""
+    """An LLVM library file on this machine.  version : major version, 0 if unknown."""
 
     path: str
     version: int
@@ -66,23 +63,21 @@ class LlvmLibrary:
 
 
 def find_llvm(folders: tuple[str, ...] = ()) -> list[LlvmLibrary]:
-    """All LLVM libraries in these folders (glob patterns), none loaded: $DRJIT_LIBLLVM_PATH first, then those of the
-    operating system, then those of this environment, the newest first."""
-    found = _libraries_in(folders or FOLDERS)
+    """Return all LLVM libraries in these folders (glob patterns) without loading them, newest first.
+
+    $DRJIT_LIBLLVM_PATH comes first, then libraries of the operating system, then of this environment.
+    """
+    libraries = _libraries_in(folders or FOLDERS)
     if not folders:
-        found += [library for library in _libraries_in(OWN_FOLDERS) if library not in found]
+        libraries += _libraries_in(OWN_FOLDERS)
     named = os.environ.get(LLVM_PATH, "")
     if named and named != NO_LIBRARY:
-        first = [inspect_llvm(named)]
-    else:
-        first = []
-    return first + [
-        library for library in found if not first or library.path != os.path.realpath(named)
-    ]
+        libraries.insert(0, inspect_llvm(named))
+    return list({library.path: library for library in libraries}.values())
 
 
 def _libraries_in(folders: tuple[str, ...]) -> list[LlvmLibrary]:
-    """All LLVM libraries in these folders (glob patterns), the newest first."""
+    """Return all LLVM libraries in these folders (glob patterns), newest first."""
     paths = {
         os.path.realpath(path)
         for folder in folders
@@ -92,7 +87,7 @@ def _libraries_in(folders: tuple[str, ...]) -> list[LlvmLibrary]:
 
 
 def inspect_llvm(path: str) -> LlvmLibrary:
-    """Version and usability of one library file, from its name and its bytes."""
+    """Return version and usability of a library file, from its name and its bytes."""
     real, version, reason = os.path.realpath(path), 0, "usable"
     try:
         with open(real, "rb") as file:
@@ -108,21 +103,18 @@ def inspect_llvm(path: str) -> LlvmLibrary:
 
 
 def _version_of(path: str) -> int:
-    """Major version in the name (libLLVM-15.so.1, libLLVM.so.19.1), else the soname or symbols (LLVM_19.1) inside."""
-    named = re.search(r"LLVM(?:-|\.so\.|\.)(\d+)", os.path.basename(path))
-    if named:
-        return int(named.group(1))
+    """Return the major version in the name (libLLVM-15.so.1, libLLVM.so.19.1), soname or symbols (LLVM_19.1)."""
+    if named := re.search(r"LLVM(?:-|\.so\.|\.)(\d+)", os.path.basename(path)):
+        return int(named[1])
     import mmap
 
     with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         match = re.search(rb"\0libLLVM(?:-|\.so\.)(\d+)[^\0]*\0|\0LLVM_(\d+)[.0-9]*\0", data)
-        if match:
-            return int(match.group(1) or match.group(2))
-        return 0
+        return int(match[1] or match[2]) if match else 0
 
 
 def _same_architecture(head: bytes) -> bool:
-    """True if an ELF header has the address size, byte order and processor of this Python interpreter."""
+    """Return True if an ELF header has the address size, byte order and processor of this interpreter."""
     if sys.platform != "linux":
         return len(head) == 20
     with open(os.path.realpath("/proc/self/exe"), "rb") as file:
@@ -131,9 +123,9 @@ def _same_architecture(head: bytes) -> bool:
 
 
 def guard_llvm() -> LlvmLibrary | None:
-    """Tell Dr.Jit, before its import, to load the first usable library; return that library.
+    """Make Dr.Jit load the first usable library at its import, and return this library.
 
-    Where all libraries here are unusable Dr.Jit gets none. Where there are none, it looks for one itself.
+    If no library is usable, Dr.Jit gets none. If there are no libraries, it searches itself.
     """
     libraries = find_llvm()
     library = _first_usable(libraries)
@@ -151,45 +143,43 @@ def _first_usable(libraries: list[LlvmLibrary]) -> LlvmLibrary | None:
 
 
 def _load_companions(path: str) -> None:
-    """Load the libraries that a libLLVM from the package index needs, from a folder beside it, if they lack links."""
+    """Load the dependencies of a libLLVM from the package index, if their links are missing."""
     for name in COMPANIONS:
         pattern = os.path.join(os.path.dirname(path), "*-unknown-linux-gnu", name)
         for companion in glob.glob(pattern):
             if not os.path.exists(companion.removesuffix(".0")):
                 import ctypes
 
-                with contextlib.suppress(
-                    OSError
-                ):  # then Dr.Jit has no LLVM, and backend_problem says why
+                with contextlib.suppress(OSError):  # backend_problem then explains it
                     ctypes.CDLL(companion)
 
 
 def _why_not_loaded(path: str) -> str:
-    """What the dynamic linker says of a library that Dr.Jit has not loaded."""
+    """Return the error of the dynamic linker for a library that Dr.Jit did not load."""
     import ctypes
 
     try:
         ctypes.CDLL(path)
     except OSError as error:
         return str(error).removeprefix(f"{path}: ")
-    return "Dr.Jit does not find in it what it needs"
+    return "it lacks symbols that Dr.Jit needs"
 
 
 def drjit() -> ModuleType:
-    """Dr.Jit, imported after :func:`guard_llvm`."""
+    """Return Dr.Jit, imported after :func:`guard_llvm`."""
     with guarded_import():
         return importlib.import_module("drjit")
 
 
 def guarded_import() -> contextlib.AbstractContextManager[None]:
-    """A block that imports Dr.Jit: its library is chosen before, and where there is none Dr.Jit does not warn."""
+    """Return a context for importing Dr.Jit, with the library chosen and no warning if there is none."""
     silent = "drjit" not in sys.modules and guard_llvm() is None
     return _silence() if silent else contextlib.nullcontext()
 
 
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
-    """Suppress what C code writes to stderr: Dr.Jit's warning about the LLVM library that it does not find."""
+    """Suppress stderr of C code: Dr.Jit's warning about a missing LLVM library."""
     sys.stderr.flush()
     saved, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
@@ -202,7 +192,7 @@ def _silence() -> Iterator[None]:
 
 
 def llvm_version() -> int:
-    """Major version of the LLVM that Dr.Jit has loaded, 0 if none."""
+    """Return the major version of the LLVM that Dr.Jit loaded, 0 if none."""
     dr = drjit()
     if dr.has_backend(dr.JitBackend.LLVM):
         return max(int(dr.detail.llvm_version()[0]), 0)
@@ -210,7 +200,7 @@ def llvm_version() -> int:
 
 
 def backend_problem(backend: str) -> str | None:
-    """Why this back end (scalar, llvm, cuda) cannot be used in this process, or None if it can."""
+    """Return why this backend (scalar, llvm, cuda) is unavailable in this process, or None."""
     dr = drjit()
     if backend == "cuda":
         if dr.has_backend(dr.JitBackend.CUDA):
@@ -222,7 +212,7 @@ def backend_problem(backend: str) -> str | None:
             early = DRJIT_CAME_FIRST * " and was loaded before mitsuba_sensor was imported"
             return f"only LLVM {version}, which aborts the process{early}"
         if DRJIT_CAME_FIRST and _first_usable(find_llvm()):
-            return "no LLVM in Dr.Jit, which was imported before mitsuba_sensor and found none that it can use"
+            return "no LLVM in Dr.Jit, which was imported before mitsuba_sensor and found no usable library"
         if path != NO_LIBRARY:
             return f"no LLVM that can be loaded ({path}: {_why_not_loaded(path)})"
         return f"no LLVM {OLDEST_LLVM} or newer on this machine"
@@ -230,7 +220,7 @@ def backend_problem(backend: str) -> str | None:
 
 
 def llvm_remedy() -> str:
-    """What gives this process the LLVM back end that it lacks."""
+    """Return how to obtain the LLVM backend."""
     library = _first_usable(find_llvm())
     if library is None or not (DRJIT_CAME_FIRST or llvm_version()):
         return INSTALL

@@ -1,4 +1,4 @@
-"""Notes: sentences about a result, the same in Python, in frame.json, on the terminal and in a notebook."""
+"""Notes about a result, shown in Python, frame.json, the terminal and notebooks."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PACKAGE = f"{Path(__file__).parent.parent}{os.sep}"
 
 
 class SensorWarning(UserWarning):
-    """A result that is probably not the one that was wanted; the text says why, and the way out.
+    """Warns that a result is probably not the intended one, and suggests a fix.
 
     ::
 
@@ -28,45 +28,45 @@ class SensorWarning(UserWarning):
 
 
 class Doubt(str):
-    """A note on a result that is probably not the one that was wanted: Python warns of it."""
+    """A note on a probably unintended result; Python raises it as a SensorWarning."""
 
 
 class Caution(str):
-    """A note on how much of a result is not the camera's: error bars, render noise, light beyond the data."""
+    """A note on contributions other than the camera's: error bars, render noise, light outside the data."""
 
 
 def by_weight(notes: Iterable[str]) -> list[str]:
-    """The notes that change most first: doubts on the result, then cautions, then the others."""
+    """Return the most important notes first: doubts, then cautions, then other notes."""
     return sorted(
         notes, key=lambda note: (not isinstance(note, Doubt), not isinstance(note, Caution))
     )
 
 
 class SourceOfLight(Protocol):
-    """What is known of the light that photons were collected from."""
+    """Notes about the light that photons were collected from."""
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes on the light itself."""
 
     def notes_for(self, camera: Camera) -> tuple[str, ...]:
-        """Notes on this light before a camera, which may be another one than it was rendered for."""
+        """Return notes on this light for a camera, which may differ from the rendered camera."""
 
     def render_noise(
         self, frames: RawFrames
     ) -> tuple[dict[str, float | None], tuple[str, ...]]:
-        """What the render's noise means in these frames, and the notes on it."""
+        """Return measures of the render noise in these frames, and notes on it."""
 
 
 def warn_of(notes: Iterable[str]) -> None:
-    """Warn once of all doubts among these notes, at the line of the user's program that called this package."""
+    """Issue one warning with all doubts among these notes, at the line of the user's program that called."""
     doubts = [note for note in notes if isinstance(note, Doubt)]
     if doubts:
         warnings.warn(printable(" · ".join(doubts)), SensorWarning, stacklevel=_level_of_user())
 
 
 def _level_of_user() -> int:
-    """Which caller of :func:`warn_of` is the first one outside the package; warn_of itself is number 1."""
+    """Return the stack level of the first caller outside the package; :func:`warn_of` has level 1."""
     level, frame = 1, sys._getframe(1)
     while frame.f_back is not None and frame.f_code.co_filename.startswith(PACKAGE):
         level, frame = level + 1, frame.f_back

@@ -1,13 +1,13 @@
 """Options declared once: signature, check, command-line flag and metadata entry follow from one TypedDict.
 
-A module of options declares type, meaning, default and range of each one (without ``from __future__ import
-annotations``, so that the declarations are there at run time):
+A module of options declares type, meaning, default and range of each option (without ``from __future__ import
+annotations``, so that the declarations exist at run time):
 
     class RenderOptions(TypedDict, total=False):
         spp: Annotated[int | None, Option("Light paths per pixel.", low=1, high=2**24, example="256")]
 
-A function takes them as ``**options: Unpack[RenderOptions]``, which mypy checks; ``@documents(RenderOptions)`` shows
-them in ``help()``; ``complete(RenderOptions, options)`` checks them and fills in the defaults.
+A function takes them as ``**options: Unpack[RenderOptions]``, which mypy checks. ``@documents(RenderOptions)`` shows
+them in ``help()``. ``complete(RenderOptions, options)`` checks them and fills in the defaults.
 """
 
 import inspect
@@ -16,55 +16,57 @@ import types
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
-from math import inf
+from math import inf, isinf, nan
 from pathlib import PurePath
 from typing import Any, ForwardRef, Literal, TypeVar, Union, cast, get_args, get_origin
 
-from .errors import InputError, require
+from .errors import InputError, refuse_number, shown, span
 from .near_names import nearest
-from .number_text import number_hint
 
 Options = TypeVar("Options")
 Function = TypeVar("Function", bound=Callable[..., object])
-NAMES = {bool: "True or False", str: "a text"}
-CALLED_OTHERWISE = {
+TYPE_NAMES = {bool: "True or False", str: "a text"}
+FOREIGN_NAMES = {
     **{"iso": "gain", "samples": "spp", "samples_per_pixel": "spp", "columns": "width"},
     **{"resolution": "width", "n_frames": "frames", "num_frames": "frames", "count": "frames"},
     **{"wavelength": "wavelength_nm", "wavelengths": "wavelengths_nm"},
     **{"tolerance": "tolerance_dn", "serial_number": "serial"},
 }
-"""Names in other programs → options."""
-IN_EXPOSURE = {"exposure_s", "exposure_time", "exposure_time_s", "integration_time", "time_s"}
-IN_EXPOSURE |= {"temperature_k", "temperature"}
-"""Names in other programs for what an exposure holds."""
+"""Option names in other programs → ours."""
+EXPOSURE_NAMES = {
+    "exposure_s",
+    "exposure_time",
+    "exposure_time_s",
+    "integration_time",
+    "time_s",
+}
+EXPOSURE_NAMES |= {"temperature_k", "temperature"}
+"""Names of what an Exposure holds, here and in other programs."""
 KIND_NAMES = {"Buffer": "array", "_Buffer": "array", "PathLike": "path", "Mapping": "dict"}
 
 
 @dataclass(frozen=True)
 class Option:
-    """What is to be known of one option beside its name and its type."""
+    """Meaning, default, range and command-line form of an option."""
 
     help: str  # what it does, with the unit; shown by help() and --help
-    default: Any = (
-        None  # the value of an option that is not given; None means "not given" everywhere
-    )
+    default: Any = None  # None means "not given" everywhere
     low: float = -inf  # the allowed range of a number, both ends included
     high: float = inf
-    example: str = ""  # a good value, for the error's remedy
-    check: Callable[[str, Any], object] | None = (
-        None  # of name and value, instead of type and range; the value to use
-    )
-    flag: str | None = ""  # on the command line, where it is not --name; None where it has none
-    metavar: str | None = None  # what stands for its value in --help
-    panel: str | None = (
-        None  # title above it in --help, where it is not that of all options declared with it
-    )
-    text: Any = None  # its type on the command line, where it is read from a text there: Path for a file's name
+    example: str = ""  # a good value, for errors
+    check: Callable[[str, Any], object] | None = None
+    """Takes name and value, and returns the value to use; replaces the checks of type and range."""
+    flag: str | None = ""  # on the command line, if it is not --name; None if it has none
+    metavar: str | None = None  # stands for the value in --help
+    # Title above it in --help, if it differs from that of its TypedDict.
+    panel: str | None = None
+    # Type on the command line, if the value is read from a text: Path for a file name.
+    text: Any = None
 
 
 @dataclass(frozen=True)
 class Declared:
-    """One option as it was declared: its name, its type and its :class:`Option`."""
+    """A declared option: name, type and :class:`Option`."""
 
     name: str
     type: Any
@@ -72,134 +74,116 @@ class Declared:
 
     @cached_property
     def kinds(self) -> tuple[Any, ...]:
-        """The types that it may have, without None."""
+        """The allowed types except None."""
         union = get_origin(self.type) in (Union, types.UnionType)
-        return tuple(
-            kind
-            for kind in (get_args(self.type) if union else (self.type,))
-            if kind is not types.NoneType
-        )
+        members = get_args(self.type) if union else (self.type,)
+        return tuple(kind for kind in members if kind is not types.NoneType)
 
     @cached_property
     def choices(self) -> tuple[Any, ...]:
-        """The values that a Literal allows; none for another type."""
-        return tuple(
-            value
-            for kind in self.kinds
-            if get_origin(kind) is Literal
-            for value in get_args(kind)
-        )
+        """The values that a Literal allows; empty for other types."""
+        literals = (kind for kind in self.kinds if get_origin(kind) is Literal)
+        return tuple(value for kind in literals for value in get_args(kind))
 
     def checked(self, value: Any) -> Any:
-        """The value to use. Raises InputError with the value, what is allowed, and an example."""
+        """Return the value to use. Raises InputError with the value, the allowed values and an example."""
         if value is None and self.option.default is None:
             return None
         if self.option.check is not None:
             return self.option.check(self.name, value)
-        if self.choices and not (isinstance(value, str) and value in self.choices):
-            allowed = (
-                ", ".join(map(str, self.choices)) + f".{nearest(str(value), self.choices)}"
-            )
-            raise InputError(f"{self.name} is {value!r}; it must be one of {allowed}")
-        example = self.option.example and f" (e.g. {self.option.example})"
         if self.kinds in ((int,), (float,)):
-            return self._number(value, example)
-        if (
-            len(self.kinds) == 1
-            and self.kinds[0] in NAMES
-            and not isinstance(value, self.kinds[0])
-        ):
-            raise InputError(
-                f"{self.name} is {value!r}; it must be {NAMES[self.kinds[0]]}{example}."
-            )
+            return self._checked_number(value)
+        if self.choices and not (isinstance(value, str) and value in self.choices):
+            meant = nearest(str(value), self.choices)
+            self._refuse(value, f"one of {', '.join(map(str, self.choices))}.{meant}")
+        for kind, name in TYPE_NAMES.items():
+            if self.kinds == (kind,) and not isinstance(value, kind):
+                self._refuse(value, f"{name}{self._example}.")
         return value
 
-    def _number(self, value: Any, example: str) -> float:
-        """A number in the range; a whole one, however it is stored, where the type is int."""
-        whole = self.kinds == (int,)
-        noun = "a number"
-        if whole:
-            noun = "a whole number"
-        numeric = isinstance(value, numbers.Real) and not isinstance(value, bool)
-        if not numeric or (whole and value == value and value % 1):
-            hint = number_hint(self.name, value)
-            more = hint and f"; {hint}"
-            raise InputError(f"{self.name} is {value!r}; it must be {noun}{example}{more}.")
-        remedy = noun + (example and f", e.g. {self.option.example}")
-        number = require(self.name, value, self.option.low, self.option.high, remedy)
-        if whole:
-            return int(value)
-        return number
+    @property
+    def _example(self) -> str:
+        return self.option.example and f", e.g. {self.option.example}"
+
+    def _refuse(self, value: object, allowed: str) -> None:
+        raise InputError(f"{self.name} is {shown(value)}; it must be {allowed}")
+
+    def _checked_number(self, value: Any) -> float:
+        """Return a number in the range, as int if the type is int."""
+        whole, low, high = self.kinds == (int,), self.option.low, self.option.high
+        limits = "" if isinf(low) and isinf(high) else f" {span(low, high)}"
+        allowed = f"a {'whole ' * whole}number{limits}{self._example}"
+        try:
+            is_number = isinstance(value, numbers.Real) and not isinstance(value, bool)
+            number = float(value) if is_number else nan
+        except OverflowError:  # a whole number of hundreds of digits
+            number = nan
+        if not low <= number <= high or (whole and value % 1):
+            refuse_number(self.name, value, allowed)
+        return int(value) if whole else number
 
 
+@cache
 def _declared(kind: Any) -> tuple[Declared, ...]:
-    """The options of a TypedDict in their order, those of its bases first."""
-    found = []
+    """Return the options of a TypedDict in their order, options of its bases first."""
+    options = []
     for name, annotation in kind.__annotations__.items():
         if not isinstance(getattr(annotation, "__metadata__", (None,))[0], Option):
             raise TypeError(
                 f"{kind.__name__}.{name} must be declared as Annotated[type, Option(...)]"
             )
-        found.append(Declared(name, annotation.__origin__, annotation.__metadata__[0]))
-    return tuple(found)
+        options.append(Declared(name, annotation.__origin__, annotation.__metadata__[0]))
+    return tuple(options)
 
 
-declared: Callable[[Any], tuple[Declared, ...]] = cache(_declared)
+declared: Callable[[Any], tuple[Declared, ...]] = _declared
 
 
 def complete(kind: type[Options], given: Mapping[str, object]) -> Options:
-    """All options of this kind: those given, checked, and the default of every other one. Raises InputError."""
+    """Return all options of this kind: the given values, checked, and the other defaults. Raises InputError."""
     refuse_unknown(given, kind)
-    found = {
-        one.name: one.checked(given.get(one.name, one.option.default)) for one in declared(kind)
-    }
-    return cast(Options, found)
+    options = {x.name: x.checked(given.get(x.name, x.option.default)) for x in declared(kind)}
+    return cast(Options, options)
 
 
 def refuse_unknown(given: Iterable[str], kind: type) -> None:
-    """Raise InputError for a name that is no option of this kind."""
-    names = [one.name for one in declared(kind)]
+    """Raise InputError for a name that is not an option of this kind."""
+    names = [option.name for option in declared(kind)]
     for name in given:
         if name in names:
             continue
-        if CALLED_OTHERWISE.get(name) in names:
-            remedy = f"it is called {CALLED_OTHERWISE[name]} here"
-        elif name in IN_EXPOSURE:
-            remedy = "pass exposure=Exposure(time_s=0.1, temperature_k=298.15)"
-        else:
-            remedy = f"the options are {', '.join(names)}"
-        raise InputError(f"{name!r} is not an option; {remedy}.{nearest(name, names)}")
+        remedy = nearest(name, names).strip() or f"The options are {', '.join(names)}."
+        if FOREIGN_NAMES.get(name) in names:
+            remedy = f"Use {FOREIGN_NAMES[name]}."
+        elif name in EXPOSURE_NAMES:
+            remedy = "Pass exposure=Exposure(time_s=0.1, temperature_k=298.15)."
+        raise InputError(f"{name!r} is not an option. {remedy}")
 
 
 def part_of(kind: type[Options], options: Mapping[str, Any]) -> Options:
-    """Those of the options that this kind has: what to pass on to a function that takes fewer of them."""
-    return cast(
-        Options, {one.name: options[one.name] for one in declared(kind) if one.name in options}
-    )
+    """Return the options that this kind has, for a function that takes fewer of them."""
+    return cast(Options, {x.name: options[x.name] for x in declared(kind) if x.name in options})
 
 
 def used(kind: type, options: Mapping[str, object]) -> dict[str, object]:
-    """The options by name as plain values for a file of metadata; arrays by their names alone."""
-    return {
-        one.name: _plain(options.get(one.name, one.option.default)) for one in declared(kind)
-    }
+    """Return the options by name as plain values for metadata; of dicts of arrays, only the keys."""
+    return {x.name: _plain(options.get(x.name, x.option.default)) for x in declared(kind)}
 
 
 def documents(*kinds: type) -> Callable[[Function], Function]:
-    """Show the options behind a function's ``**options`` in its signature and its docstring."""
+    """Show the options of a function's ``**options`` in its signature and its docstring."""
 
-    options = {one.name: one for kind in kinds for one in declared(kind)}
+    options = {option.name: option for kind in kinds for option in declared(kind)}
 
     def with_options(function: Function) -> Function:
         signature = inspect.signature(function)
-        own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        named = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
         keyword = inspect.Parameter.KEYWORD_ONLY
-        behind = [
-            inspect.Parameter(one.name, keyword, default=one.option.default)
-            for one in options.values()
+        named += [
+            inspect.Parameter(x.name, keyword, default=x.option.default)
+            for x in options.values()
         ]
-        shown = signature.replace(parameters=[*own, *behind])
-        function.__signature__ = shown  # type: ignore[attr-defined]
+        function.__signature__ = signature.replace(parameters=named)  # type: ignore[attr-defined]
         lines = "\n".join(map(_described, options.values()))
         function.__doc__ = f"{inspect.cleandoc(function.__doc__ or '')}\n\nOptions:\n{lines}"
         return function
@@ -207,18 +191,14 @@ def documents(*kinds: type) -> Callable[[Function], Function]:
     return with_options
 
 
-def _described(one: Declared) -> str:
-    """A line of a docstring: name, type, default and meaning of an option."""
-    kinds = " or ".join(map(_kind_name, one.kinds))
-    if one.option.default in (None, ()):
-        default = ""
-    else:
-        default = f", default {one.option.default!r}"
-    return f"    {one.name} : {kinds}{default}. {one.option.help}"
+def _described(declaration: Declared) -> str:
+    """Return a line of a docstring: name, type, default and meaning of an option."""
+    kinds, default = " or ".join(map(_kind_name, declaration.kinds)), declaration.option.default
+    shown_default = "" if default in (None, ()) else f", default {default!r}"
+    return f"    {declaration.name} : {kinds}{shown_default}. {declaration.option.help}"
 
 
 def _kind_name(kind: object) -> str:
-    """A type as a reader calls it."""
     if isinstance(kind, ForwardRef):
         return kind.__forward_arg__.removesuffix(" | None")
     if get_origin(kind) is Literal:
@@ -231,13 +211,9 @@ def _kind_name(kind: object) -> str:
 def _plain(value: object) -> object:
     if isinstance(value, Mapping):
         arrays = any(hasattr(item, "shape") for item in value.values())
-        if arrays:
-            return sorted(value)
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, str | bool | int | float | None):
-        return value
+        return sorted(value) if arrays else {str(key): _plain(x) for key, x in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     if isinstance(value, PurePath):
         return str(value)
-    return repr(value)
+    return value if isinstance(value, str | bool | int | float | None) else repr(value)

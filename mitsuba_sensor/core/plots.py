@@ -1,4 +1,4 @@
-"""Axes of Matplotlib for the ``plot`` methods, made where a caller has none."""
+"""Matplotlib axes for the ``plot`` methods."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def labelled_axes(axes: Axes | None, title: str, x_label: str, y_label: str) -> Axes:
-    """Return the axes, or those of a new figure, with title and labels."""
+    """Return the axes, or new axes, with title and labels."""
     if axes is None:
         from matplotlib import pyplot
 

@@ -1,52 +1,37 @@
-"""Text of files, names and other programs as it may be shown: without what a terminal would obey.
+"""Escape control characters in foreign text before it is shown.
 
-Names can hold escape sequences, line breaks, letters that turn the direction of reading, and bytes
-that are no text. Sentences (InputError), the terminal and JSON show them escaped.
+Names can hold escape sequences, line breaks, characters that reverse the reading direction, and bytes that are not
+text. InputError, the terminal and JSON show them escaped.
 """
 
 import json
 import unicodedata
 from collections.abc import Callable
 
-SPACES = "Zs"  # all kinds of blanks, which Python's isprintable refuses but for one
+SPACES = "Zs"  # blanks; str.isprintable accepts only one of them
 
 
 def printable(text: str, keep: str = "") -> str:
-    """The text with ``\\x1b`` in the place of control characters and the like.  keep : those that stay, ``"\\n"``."""
-    return _escaped(text, keep, _as_python)
+    """Return the text with control characters as ``\\x1b``.  keep : characters to keep, e.g. ``"\\n"``."""
+    return _escaped(text, keep, lambda letter: repr(letter)[1:-1])
 
 
 def printable_json(text: str) -> str:
-    """A text of JSON, in which the same stand as ``\\u009b``; as JSON it is equal."""
-    return _escaped(text, "\n", _as_json)
+    """Return an equal JSON text with control characters as ``\\u009b``."""
+    return _escaped(text, "\n", lambda letter: json.dumps(letter)[1:-1])
 
 
 def printable_toml(text: str) -> str:
-    """A text of TOML without line breaks, likewise."""
-    return _escaped(text, "", _as_toml)
+    """Return an equal TOML text without line breaks or control characters."""
+    return _escaped(text, "", lambda letter: f"\\U{ord(letter):08x}")
 
 
 def _escaped(text: str, keep: str, escape: Callable[[str], str]) -> str:
     if text.isprintable():
         return text
-    letters = dict.fromkeys(text)  # each is looked at once
-    strange = {
+    escapes = {
         ord(letter): escape(letter)
-        for letter in letters
-        if not (
-            letter.isprintable() or letter in keep or unicodedata.category(letter) == SPACES
-        )
+        for letter in set(text) - set(keep)
+        if not (letter.isprintable() or unicodedata.category(letter) == SPACES)
     }
-    return text.translate(strange)
-
-
-def _as_python(letter: str) -> str:
-    return repr(letter)[1:-1]
-
-
-def _as_toml(letter: str) -> str:
-    return f"\\U{ord(letter):08x}"
-
-
-def _as_json(letter: str) -> str:
-    return json.dumps(letter)[1:-1]
+    return text.translate(escapes)

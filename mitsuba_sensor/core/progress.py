@@ -1,7 +1,6 @@
-"""How far long work is, where nobody sees a terminal: a line on stderr every ten seconds.
+"""Progress of long work without a terminal: a line on stderr every ten seconds.
 
-A thread asks for the line once a second, because one step may take minutes. Work inside other work that says how far it
-is says nothing of its own.
+A thread checks once a second whether a line is due, because a single step may take minutes. Nested work is silent.
 """
 
 from __future__ import annotations
@@ -17,14 +16,14 @@ from contextvars import ContextVar
 from .errors import InputError
 
 EVERY_S = 10.0
-"""Between two lines, and before the first one."""
+"""Time between two lines, and before the first line."""
 TICK_S = 1.0
 
 _told_outside: ContextVar[bool] = ContextVar("told_outside", default=False)
 
 
 class ProgressLines:
-    """What is done, as one line every ten seconds; none of work that takes less.  write : takes a line."""
+    """A line of progress every ten seconds; shorter work is silent.  write : takes a line."""
 
     def __init__(
         self,
@@ -37,11 +36,11 @@ class ProgressLines:
         self.tell(doing)
 
     def tell(self, doing: str, share: float = math.nan) -> None:
-        """What is done now, and the share of all work that is done; NaN where it is not known."""
+        """Set the current activity and the completed fraction of the work; NaN if unknown."""
         self._doing = f"{doing}: " + ("" if math.isnan(share) else f"{100 * share:.0f} %, ")
 
     def tick(self) -> None:
-        """Write a line if the last one is ten seconds old."""
+        """Write a line if the last line is ten seconds old."""
         now = self.clock()
         if now - self._written >= EVERY_S:
             self._written = now
@@ -49,7 +48,7 @@ class ProgressLines:
 
     @property
     def seconds(self) -> float:
-        """Since the work began."""
+        """Time since the work began [s]."""
         return self.clock() - self._began
 
 
@@ -57,10 +56,10 @@ class ProgressLines:
 def automatic_progress(
     name: str, doing: str, thread: bool = True
 ) -> Iterator[ProgressLines | None]:
-    """While the block runs, say on stderr how far it is; yields None inside other work that is told of.
+    """Report progress on stderr while the block runs; yields None inside other reported work.
 
-    name : of the function that was called.  doing : what is done at first.
-    thread : whether a thread asks for it, too, while nothing is told; not for a generator, which waits for its caller.
+    name : of the called function.  doing : first activity.
+    thread : also report between calls of ``tell``; False for a generator, which waits for its caller.
     """
     if _told_outside.get():
         yield None
@@ -75,7 +74,7 @@ def automatic_progress(
 
 @contextmanager
 def told_outside() -> Iterator[None]:
-    """While the block runs, work inside says nothing of its own."""
+    """Silence the automatic progress of nested work while the block runs."""
     before = _told_outside.set(True)
     try:
         yield
@@ -85,7 +84,7 @@ def told_outside() -> Iterator[None]:
 
 @contextmanager
 def ticking(tick: Callable[[], object]) -> Iterator[None]:
-    """While the block runs, a thread calls ``tick`` once a second."""
+    """Call ``tick`` once a second in a thread while the block runs."""
     over = threading.Event()
 
     def run() -> None:
@@ -102,24 +101,24 @@ def ticking(tick: Callable[[], object]) -> Iterator[None]:
 
 
 def is_asked(progress: object) -> bool:
-    """Whether progress is to be said without being asked how: None and True, not False. Raises InputError."""
+    """Return True if progress is automatic: for None and True, not for False. Raises InputError."""
     if progress is not None and not isinstance(progress, bool):
         raise InputError(
-            f"progress is {progress!r}; it must be None (said automatically), False (silent) or, of a render, a "
-            "function that is called with what is done."
+            f"progress is {progress!r}; it must be None (automatic), False (silent) or, for a render, a function that "
+            "receives the progress."
         )
     return progress is not False
 
 
 def write_line(line: str) -> None:
-    """A line on stderr; nowhere if there is none."""
+    """Write a line to stderr, if it exists."""
     with suppress(OSError, ValueError, AttributeError):
         sys.stderr.write(f"{line}\n")
         sys.stderr.flush()
 
 
 def duration(seconds: float) -> str:
-    """A time in a unit that suits it."""
+    """Return a time in h, min or s."""
     if seconds > 5400:
         return f"{seconds / 3600:.1f} h"
     if seconds > 90:

@@ -1,16 +1,15 @@
 """Quantile functions in float32: one 32-bit random integer → one random number of a distribution.
 
-Written with the operations of arrays.py, so NumPy and Dr.Jit return the same bits. No rejection loop, no state, no
-threshold above which another distribution is used. distributions.py has the same functions in float64.
-benchmarks/fit_quantiles.py fits the coefficients; benchmarks/enumerate_quantiles.py compares the result for all 2³²
-integers with the exact distributions.
+They use the operations of arrays.py, so NumPy and Dr.Jit return the same bits, without rejection loops or state.
+distributions.py has the same functions in float64. d57d910e:benchmarks/fit_quantiles.py fitted the coefficients, and
+benchmarks/enumerate_quantiles.py compares all 2³² integers with the exact distributions.
 """
 
 import math
 from collections.abc import Sequence
 
 from . import arrays
-from .distributions import SMALLEST_SQUARE
+from .distributions import SQUARE_MIN
 from .types import Array
 
 # z/x as a polynomial in w = −ln(1 − x²), x = 1 − 2·survival, for w ≤ 4: relative error 4e-7.
@@ -54,31 +53,30 @@ SKEW = (
 )
 SHIFT = (1 / 3, -0.0277541182, 0.007822504982, -0.00188953298)
 SMALL = (-0.01993274513, 0.01704197039)
-LOWEST_S = -1.33  # s is clipped here: for means from 10 to 22.7 the count is 0 below it; larger ones never reach it
-SEARCH_BELOW = (
-    10.0  # smaller means are summed up from 0 in float64: their tail needs more than 24 bits
-)
-UNROLLED = (
-    5  # counts that are tried before the loop, without a test whether any pixel needs them
-)
-# |z| at the ends of the Chebyshev series, beyond the largest normal that can be drawn (6.3), and its terms.
+S_MIN = (
+    -1.33
+)  # s is clipped: for means from 10 to 22.7, the count is 0 below; larger means never reach it
+# Smaller means are summed from 0 in float64: their tail needs more than 24 bits.
+SEARCH_BELOW = 10.0
+UNROLLED = 5  # counts tried before the loop, without a test
+# |z| at the ends of the Chebyshev series, above the largest normal (6.3), and its number of terms.
 CHEBYSHEV_REACH, CHEBYSHEV_TERMS = 6.5, 41
-# Terms in z and in 1/√shape of the cube root of the gamma quantile: 5e-5 of σ within 4 σ, and 7e-4 beyond.
+# Terms in z and in 1/√shape of the cube root of the gamma quantile: error 5e-5 σ within 4 σ, and 7e-4 σ outside.
 GAMMA_TERMS = 22, 9
 
 
 def _signed(bits: Array) -> Array:
-    """t = 2³¹ − 1 − bits as a signed integer: (t + ½)/2³¹ is x = 1 − 2·survival, from −1 to 1 and never 0."""
+    """Return t = 2³¹ − 1 − bits as a signed integer: (t + ½)/2³¹ is x = 1 − 2·survival, from −1 to 1 and never 0."""
     return arrays.signed_bits(bits ^ 0x7FFFFFFF)
 
 
 def _two_tails(t: Array) -> Array:
-    """1 − |x|, twice the probability of the nearer tail, at full float32 precision also at the ends."""
+    """Return 1 − |x|, twice the probability of the nearer tail, with full float32 precision at the ends."""
     return (arrays.float32((t ^ (t >> 31)) ^ 0x7FFFFFFF) + 0.5) * 2.0**-31
 
 
 def log(x: Array) -> Array:
-    """ln x of a positive float32, to 2e-7."""
+    """Return ln x of a positive float32, to 2e-7."""
     pattern = arrays.signed_bits(x)
     exponent = (pattern - 0x3F3504F3) >> 23
     t = arrays.from_float_bits(pattern - (exponent << 23)) - 1.0
@@ -86,32 +84,32 @@ def log(x: Array) -> Array:
 
 
 def uniform(bits: Array) -> Array:
-    """The survival probability P(X > x) of the number that is drawn, (bits + ½)/2³²."""
+    """Return the survival probability P(X > x) of the drawn number, (bits + ½)/2³²."""
     t = _signed(bits)
     half = _two_tails(t) * 0.5
     return arrays.where(t < 0, 1.0 - half, half)
 
 
 def normal(bits: Array) -> Array:
-    """Standard normal, mean 0 and variance 1."""
+    """Return standard normals."""
     t = _signed(bits)
     return _normal(arrays.float32(t) + 0.5, _two_tails(t))
 
 
 def lognormal(bits: Array, sigma: Array, shift: Array) -> Array:
-    """exp(σ·z − shift)."""
+    """Return exp(σ·z − shift)."""
     return arrays.exp(sigma * normal(bits) - shift)
 
 
 def exp_chebyshev(bits: Array, coefficients: Sequence[Array]) -> Array:
-    """exp of a Chebyshev series in z/6.5, z standard normal: for the gamma distribution."""
+    """Return exp of a Chebyshev series in z/6.5 for a standard normal z: for the gamma distribution."""
     return arrays.exp(_chebyshev(normal(bits) * (2 / CHEBYSHEV_REACH), coefficients))
 
 
 def gamma_of_shape(bits: Array, shape: Array, series: Sequence[Sequence[float]]) -> Array:
-    """Gamma of this shape k, by a series of q in (x/k)^⅓ = 1 + q/√k: about z/3 (Wilson & Hilferty 1931).
+    """Return gamma numbers of shape k, by a series of q in (x/k)^⅓ = 1 + q/√k: about z/3 (Wilson & Hilferty 1931).
 
-    Below 1 exponential with a chance, as in distributions.py.
+    Below 1, 0 or exponential, as in distributions.py.
     """
     many = arrays.maximum(shape, 1.0)
     root = arrays.sqrt(many)
@@ -127,13 +125,13 @@ def gamma_of_shape(bits: Array, shape: Array, series: Sequence[Sequence[float]])
 
 
 def stretched_normal(bits: Array, coefficients: Sequence[Array]) -> Array:
-    """z·exp of a Chebyshev series in z²/6.5², z standard normal: for symmetric distributions."""
+    """Return z·exp of a Chebyshev series in z²/6.5² for a standard normal z: for symmetric distributions."""
     z = normal(bits)
     return z * arrays.exp(_chebyshev((z * z) * (4 / CHEBYSHEV_REACH**2) - 2.0, coefficients))
 
 
 def _chebyshev(twice: Array, coefficients: Sequence[Array]) -> Array:
-    """The series at half of this, by Clenshaw's recurrence."""
+    """Return the series at ``twice``/2, by Clenshaw's recurrence."""
     ahead, behind = 0.0, 0.0
     for c in coefficients[:0:-1]:
         ahead, behind = (twice * ahead - behind) + c, ahead
@@ -141,7 +139,7 @@ def _chebyshev(twice: Array, coefficients: Sequence[Array]) -> Array:
 
 
 def normal_of(survival_probability: Array) -> Array:
-    """The value that a standard normal exceeds with this probability; ±6.3 at most."""
+    """Return the value that a standard normal exceeds with this probability, at most ±6.3."""
     two_tails = 2.0 * arrays.minimum(survival_probability, 1.0 - survival_probability)
     return _normal(
         (1.0 - 2.0 * survival_probability) * 2.0**31, arrays.maximum(two_tails, 2.0**-32)
@@ -149,7 +147,7 @@ def normal_of(survival_probability: Array) -> Array:
 
 
 def _normal(x: Array, two_tails: Array) -> Array:
-    """Standard normal from x = 1 − 2·survival, in units of 2⁻³¹, and 1 − |x|."""
+    """Return a standard normal from x = 1 − 2·survival, in units of 2⁻³¹, and 1 − |x|."""
     w = -log(two_tails * (2.0 - two_tails))
     centre = x * arrays.polynomial(w, [c * 2.0**-31 for c in CENTRE])
     return arrays.replace_where(w > 4.0, centre, _tail, w, x)
@@ -161,7 +159,7 @@ def _tail(w: Array, x: Array) -> Array:
 
 
 def logistic(bits: Array) -> Array:
-    """Standard logistic ln((1−s)/s), mean 0 and variance π²/3."""
+    """Return standard logistic numbers ln((1−s)/s), mean 0 and variance π²/3."""
     t = _signed(bits)
     y = _two_tails(t)
     size = log(2.0 - y) - log(y)
@@ -169,29 +167,29 @@ def logistic(bits: Array) -> Array:
 
 
 def moyal(bits: Array) -> Array:
-    """Moyal's distribution −ln z², z standard normal: most probable 0, mean γ + ln 2, variance π²/2."""
+    """Return Moyal numbers −ln z² for a standard normal z: mode 0, mean γ + ln 2, variance π²/2."""
     z = normal(bits)
-    return -log(arrays.maximum(z * z, SMALLEST_SQUARE))
+    return -log(arrays.maximum(z * z, SQUARE_MIN))
 
 
 def wald(z: Array, u: Array, cv: Array) -> Array:
-    """Inverse Gaussian of mean 1 and shape cv⁻² from a normal and a uniform (Michael, Schucany & Haas 1976)."""
+    """Return inverse Gaussians of mean 1 and shape cv⁻² from a normal and a uniform (Michael, Schucany & Haas 1976)."""
     a = 0.5 * ((cv * z) * (cv * z))
     root = 1.0 / (1.0 + a + arrays.sqrt(a * (a + 2.0)))
     return arrays.where(u * (1.0 + root) <= 1.0, root, 1.0 / root)
 
 
 def poisson(bits: Array, mean: Array) -> Array:
-    """Poisson counts (whole numbers in float32) of these means, from 0 to 1e30; both of the same shape."""
+    """Return Poisson counts in float32 for means from 0 to 1e30, in the shape of ``bits``."""
     return arrays.branch(mean < SEARCH_BELOW, _search, _expand, bits, mean)
 
 
 def _expand(bits: Array, mean: Array) -> Array:
-    """The uniform expansion; floor(mean) is added last, so that the deviation keeps its digits."""
+    """Return counts by the uniform expansion; floor(mean) is added last to keep the digits of the deviation."""
     root = arrays.sqrt(mean)
     inverse = 1.0 / root
     s = normal(bits) * inverse
-    s = arrays.where(s < LOWEST_S, LOWEST_S, s)
+    s = arrays.where(s < S_MIN, S_MIN, s)
     z = s * root
     rest = arrays.polynomial(s, SHIFT) + arrays.polynomial(s, SMALL) * (inverse * inverse)
     deviation = root * z + ((z * z) * arrays.polynomial(s, SKEW) + rest)
@@ -200,15 +198,13 @@ def _expand(bits: Array, mean: Array) -> Array:
 
 
 def _search(bits: Array, mean: Array) -> Array:
-    """Smallest n whose cumulative probability reaches 1 − survival; ``left`` is their difference times n!."""
+    """Return the smallest n whose cumulative probability reaches 1 − survival; ``left`` is the rest times n!."""
     reach = 0.5 + (arrays.float64(_signed(bits)) + 0.5) * 2.0**-32
     rate = arrays.float64(mean)
     none = _exp_of_minus(rate)
     left, term = reach - none, none * rate
     count = arrays.where(left > 0, 1.0, rate * 0.0)
-    for n in range(
-        1, UNROLLED
-    ):  # most pixels are done before the loop; left stays ≤ 0 once it is
+    for n in range(1, UNROLLED):  # most pixels end here; left then stays ≤ 0
         left, term = left * n - term, term * rate
         count = count + arrays.where(left > 0, 1.0, rate * 0.0)
     state = left * UNROLLED - term, term * rate, rate, count
@@ -221,9 +217,9 @@ def _next_count(left: Array, term: Array, rate: Array, count: Array) -> tuple[Ar
 
 
 def binomial(bits: Array, number: Array, mean: Array, other: Array) -> Array:
-    """How many of ``number`` electrons are of one kind, each with chance mean/(mean + other); of the same shape.
+    """Return how many of ``number`` electrons are of one kind, with probability mean/(mean + other); equal shapes.
 
-    Total variation 6e-4 at most, just above a variance of 10 by a small chance, and below 3e-5 from 100 on.
+    The total variation is at most 6e-4, just above a variance of 10, and below 3e-5 from a variance of 100.
     """
     chance = arrays.minimum(mean, other) / arrays.maximum(mean + other, 1e-30)
     spread = number * chance * (1.0 - chance)
@@ -234,7 +230,7 @@ def binomial(bits: Array, number: Array, mean: Array, other: Array) -> Array:
 
 
 def _expand_binomial(bits: Array, number: Array, chance: Array) -> Array:
-    """Cornish–Fisher expansion to the third order in 1/σ."""
+    """Return counts by the Cornish–Fisher expansion to third order in 1/σ."""
     z, mean = normal(bits), number * chance
     z2, pq = z * z, chance * (1.0 - chance)
     sigma = arrays.sqrt(mean * (1.0 - chance))
@@ -253,7 +249,7 @@ def _expand_binomial(bits: Array, number: Array, chance: Array) -> Array:
 
 
 def _search_binomial(bits: Array, number: Array, chance: Array) -> Array:
-    """Smallest k whose cumulative probability reaches 1 − survival, counted up from 0 in float64; for a chance ≤ ½."""
+    """Return the smallest k whose cumulative probability reaches 1 − survival, counted in float64, for a chance ≤ ½."""
     reach = 0.5 + (arrays.float64(_signed(bits)) + 0.5) * 2.0**-32
     n, p = arrays.float64(number), arrays.float64(chance)
     y = p / (2.0 - p)  # ln(1 − p) = −2·artanh(y), y ≤ ⅓
@@ -272,7 +268,7 @@ def _next_of_n(n: Array, odds: Array, left: Array, term: Array, k: Array) -> tup
 
 
 def _exp_of_minus(x: Array) -> Array:
-    """e^−x in float64 for 0 ≤ x < 10, to 1e-12: the series of e^(−x/64), squared six times."""
+    """Return e^−x in float64 for 0 ≤ x < 10, to 1e-12: the series of e^(−x/64), squared six times."""
     power = arrays.polynomial(x * (-1 / 64), [1 / math.factorial(k) for k in range(10)])
     for _ in range(6):
         power = power * power

@@ -1,4 +1,4 @@
-"""Fixed-pattern noise (FPN) maps of a window of the sensor, keyed by camera, serial number and source."""
+"""Fixed-pattern noise (FPN) maps of a sensor window, keyed by camera, serial number and source."""
 
 import threading
 from collections.abc import Callable, Hashable, Mapping
@@ -11,59 +11,53 @@ from numpy.typing import NDArray
 
 from . import distributions
 from .backend import NUMPY_FLOAT64, Backend
-from .counter_rng import OF_CHARGE, key_of, random_bits_at, stream_of
+from .counter_rng import CHARGE_SOURCES, key_of, random_bits_at, stream_of
 from .errors import require_seed
 from .types import Array, Float64Array, RandomBits
 
 Value = TypeVar("Value")
-MOST_LINES = 64
-"""Blocks of lines of coupled normals that are kept, of the chips that came last."""
+CACHED_LINES = 64
+"""Blocks of coupled normals that are cached, of the latest sensor units."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensorWindow:
-    """A rectangle of pixels of the camera with this serial number, and its fixed-pattern noise (FPN) maps."""
+    """A rectangle of pixels of the camera with this serial number, and its fixed-pattern noise (FPN) maps.
+
+    shape : rows, columns.  origin : row and column of the first pixel on the sensor.  given : measured maps, which
+    replace random maps.  camera : its name; the same serial number of another camera is another sensor unit.
+    photodiode, readout : names, empty for the first.
+    """
 
     serial: int
-    shape: tuple[int, int]  # rows, columns
-    origin: tuple[int, int] = (0, 0)  # row and column of the first pixel, in sensor coordinates
-    given: Mapping[str, Float64Array] = field(
-        default_factory=dict
-    )  # measured maps that replace the random ones
-    backend: Backend = NUMPY_FLOAT64  # what computes the maps and the frames
-    camera: str = ""  # name of the camera; serial number 1 of another one is another chip
-    photodiode: str = ""  # of a pixel with several: another one than the first
-    readout: str = ""  # of a pixel that is read out several times
+    shape: tuple[int, int]
+    origin: tuple[int, int] = (0, 0)
+    given: Mapping[str, Float64Array] = field(default_factory=dict)
+    backend: Backend = NUMPY_FLOAT64
+    camera: str = ""
+    photodiode: str = ""
+    readout: str = ""
     _maps: dict[Hashable, Array] = field(default_factory=dict)
     _tiles: dict[Hashable, tuple[int, Float64Array]] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "serial", require_seed("serial", self.serial)
-        )  # a NumPy integer would overflow
+        serial = require_seed("serial", self.serial)  # a NumPy integer would overflow
+        object.__setattr__(self, "serial", serial)
 
     def __reduce__(self) -> tuple[type[Self], tuple[object, ...]]:
-        """Pickled without its maps, which are made anew."""
-        return type(self), (
-            self.serial,
-            self.shape,
-            self.origin,
-            dict(self.given),
-            self.backend,
-            self.camera,
-            self.photodiode,
-            self.readout,
-        )
+        """Pickle without maps; they are computed again."""
+        place = self.serial, self.shape, self.origin, dict(self.given), self.backend
+        return type(self), (*place, self.camera, self.photodiode, self.readout)
 
     @cached_property
     def key(self) -> int:
-        """Key of the FPN maps: the same in every frame, exposure and gain setting of this chip."""
+        """Key of the FPN maps, equal for all frames, exposures and gain settings of a sensor unit."""
         return key_of("fixed", self.camera, self.serial)
 
     def key_of_source(self, source: str) -> int:
-        """Key of the FPN map of a source: what the photodiode has is the same in all read-outs of it."""
-        if self.readout and source not in OF_CHARGE:
+        """Return the key of the FPN map of a source; all readouts share the maps of the photodiode."""
+        if self.readout and source not in CHARGE_SOURCES:
             return key_of("fixed", self.camera, self.serial, self.photodiode, self.readout)
         if self.photodiode:
             return key_of("fixed", self.camera, self.serial, self.photodiode)
@@ -71,25 +65,23 @@ class SensorWindow:
 
     @property
     def rows(self) -> NDArray[np.int64]:
-        """Row numbers of the window, in sensor coordinates; of pixels that the theory samples, not one by one."""
+        """Row numbers of the window on the sensor."""
         return np.arange(self.origin[0], self.origin[0] + self.shape[0])
 
     @property
     def columns(self) -> NDArray[np.int64]:
-        """Column numbers of the window, in sensor coordinates."""
+        """Column numbers of the window on the sensor."""
         return np.arange(self.origin[1], self.origin[1] + self.shape[1])
 
     def crop_rows(self, rows: slice) -> Self:
-        """The window of the same camera that has only ``rows`` of this one."""
+        """Return the window with only these rows."""
         given = {name: x if len(x) == 1 else x[rows] for name, x in self.given.items()}
-        origin, shape = (
-            (self.origin[0] + rows.start, self.origin[1]),
-            (rows.stop - rows.start, self.shape[1]),
-        )
+        origin = self.origin[0] + rows.start, self.origin[1]
+        shape = rows.stop - rows.start, self.shape[1]
         return replace(self, shape=shape, origin=origin, given=given, _maps={})
 
     def measured_or(self, name: str, make: Callable[[], Array]) -> Array:
-        """The FPN map called ``name``: the measured one if one was given, else ``make()``."""
+        """Return the measured FPN map of this name if it was given, else ``make()``."""
         if name not in self.given:
             return make()
         return self.cached(
@@ -97,27 +89,27 @@ class SensorWindow:
         )
 
     def number(self, value: float) -> Array:
-        """A parameter of the camera in the precision of the backend."""
+        """Return a camera parameter in the precision of the backend."""
         return self.backend.number(value)
 
     @property
     def cached_values(self) -> dict[Hashable, Array]:
-        """Everything that was computed once for this window so far, FPN maps among it, by key."""
+        """All cached values of this window by key, including FPN maps."""
         return self._maps
 
     def fixed_map(self, source: str, distribution: Callable[[Backend, Array], Array]) -> Array:
-        """FPN map of ``source``, (H, W): ``distribution`` turns its random bits into values, once per window."""
+        """Return the FPN map of ``source``, shape (H, W); ``distribution`` converts its random bits once."""
         block, slot = stream_of(source, fixed=True)
         backend, key = self.backend, (source, distribution)
-        return self.cached(
-            key,
-            lambda: distribution(
-                backend, backend.random_bits(block, self, 0, self.key_of_source(source))[slot]
-            ),
-        )
+
+        def make() -> Array:
+            bits = backend.random_bits(block, self, 0, self.key_of_source(source))
+            return distribution(backend, bits[slot])
+
+        return self.cached(key, make)
 
     def correlated(self, source: str, coupling: float) -> Array:
-        """Standard normals (H, W) whose neighbours in rows and columns have correlation 2·coupling (separable AR)."""
+        """Return standard normals (H, W) whose row and column neighbours correlate by 2·coupling (separable AR)."""
         margin = distributions.AR_MAP_MARGIN
 
         def make() -> Array:
@@ -135,37 +127,31 @@ class SensorWindow:
     def _ar_tile(
         self, source: str, y: int, x: int, coupling: float, margin: int
     ) -> Float64Array:
-        """One tile of a fixed grid on the sensor, so that every window has the same values; the last one is kept."""
+        """Return a tile of a fixed grid on the sensor, so all windows agree; the last tile is cached."""
         place = (self.photodiode, self.readout, source, coupling, x)
         if self._tiles.get(place, (None,))[0] != y:
             size = distributions.AR_MAP_BLOCK
-            rows, columns = (
-                np.arange(y - margin, y + size + margin),
-                np.arange(x - margin, x + size + margin),
-            )
+            around = np.arange(-margin, size + margin)
             key = self.key_of_source(source)
-            white = distributions.normal(_bits_at(source, key, rows[:, None], columns[None, :]))
-            tile = distributions.isotropic_ar(
-                distributions.isotropic_ar(white, coupling, margin).T, coupling, margin
-            ).T
-            self._tiles[place] = y, tile
+            bits = _bits_at(source, key, y + around[:, None], x + around[None, :])
+            along = distributions.isotropic_ar(distributions.normal(bits), coupling, margin)
+            self._tiles[place] = y, distributions.isotropic_ar(along.T, coupling, margin).T
         return self._tiles[place][1]
 
     def line_map(self, source: str, coupling: float, axis: int = 1) -> Array:
-        """FPN of every column (axis 1: (1, W)) or row (axis 0: (H, 1)): standard normals, coupled as an AR process."""
+        """Return the FPN of columns (axis 1: (1, W)) or rows (axis 0: (H, 1)): coupled standard normals (AR)."""
 
         def make() -> Array:
             key = self.key_of_source(source)
             starts, window = _blocks((self.rows, self.columns)[axis], distributions.AR_BLOCK)
-            line = np.concatenate(
-                [_ar_line(source, key, start, coupling, axis) for start in starts]
-            )[window]
+            blocks = [_ar_line(source, key, start, coupling, axis) for start in starts]
+            line = np.concatenate(blocks)[window]
             return self.backend.from_numpy(line[None, :] if axis else line[:, None], self)
 
         return self.cached((source, coupling, axis), make)
 
     def cached(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """What ``make`` returns, computed once per window and read-out."""
+        """Return the result of ``make``, computed once per window and readout."""
         if self.photodiode or self.readout:
             key = (self.photodiode, self.readout, key)
         if key not in self._maps:
@@ -174,9 +160,9 @@ class SensorWindow:
         return value
 
 
-@lru_cache(maxsize=MOST_LINES)
+@lru_cache(maxsize=CACHED_LINES)
 def _ar_line(source: str, key: int, start: int, coupling: float, axis: int) -> Float64Array:
-    """One block of a line of coupled standard normals, which all windows of a chip share.  key : of the source."""
+    """Return a block of coupled standard normals, shared by all windows of a sensor unit.  key : of the source."""
     margin, zero = distributions.AR_WARM_UP, np.zeros(1, dtype=np.int64)
     along = np.arange(start - margin, start + distributions.AR_BLOCK + margin)
     place = (zero, along) if axis else (along, zero)
@@ -194,7 +180,7 @@ def _bits_at(
 
 
 def _blocks(numbers: NDArray[np.int64], size: int) -> tuple[list[int], slice]:
-    """Starts of the aligned blocks of ``size`` that cover these rows or columns, and their slice in the blocks."""
+    """Return the starts of the aligned blocks of ``size`` that cover these numbers, and their slice in the blocks."""
     low, high = int(numbers[0]), int(numbers[-1]) + 1
     first = low // size * size
     return list(range(first, high, size)), slice(low - first, high - first)

@@ -1,4 +1,4 @@
-"""Limits of what is read, which hold before it is parsed or unpacked: kind, size and depth of a file."""
+"""Limits on kind, size and depth of a file, checked before it is parsed or unpacked."""
 
 import errno
 import json
@@ -11,135 +11,123 @@ from typing import Any
 
 from .errors import InputError
 
-MOST_BYTES = 2**22  # of a file that people write: camera, lens, curves, motion
-DEEPEST = 32  # tables and lists inside of one another; parts of a dotted key
-MOST_BITS = 14_000  # of a whole number: Python writes at most 4300 digits
-TOO_DEEP = f"tables or lists are nested more than {DEEPEST} deep"
+BYTES_MAX = 2**22  # of a file that people write: camera, lens, curves, motion
+DEPTH_MAX = 32  # nested tables and lists; parts of a dotted key
+BITS_MAX = 14_000  # of a whole number: Python writes at most 4300 digits
+TOO_DEEP = f"tables or lists are nested more than {DEPTH_MAX} deep"
 
-ALWAYS_BYTES = 2**28
-"""May come out of any file."""
-MOST_RATIO = 200
-"""Of unpacked over stored bytes: frames with noise reach 20, deflate ends at 1032."""
+UNPACKED_BYTES_FREE = 2**28
+"""Any file may unpack to this many bytes."""
+UNPACKED_RATIO_MAX = 200
+"""Unpacked over stored bytes: frames with noise reach 20, deflate 1032."""
 
 STRING_OR_COMMENT = re.compile(
-    r'"""(?>[^"\\]+|\\.|"(?!""))*+"{3,5}'  # up to two quotes may stand before the closing three
+    r'"""(?>[^"\\]+|\\.|"(?!""))*+"{3,5}'  # up to two quotes may precede the closing three
     r"|'''(?>[^']+|'(?!''))*+'{3,5}"
     r'|"(?>[^"\\\n]+|\\.)*+"'
     r"|'[^'\n]*+'"
     r"|\#[^\n]*+",
     re.DOTALL,
 )
-LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{DEEPEST},}}")
+LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{DEPTH_MAX},}}")
 
 
-def require_small(path: Path, what: str, most_bytes: int = MOST_BYTES) -> None:
-    """Raise InputError for what is no regular file, or has more bytes; OSError where there is none.
+def require_small(path: Path, what: str, most_bytes: int = BYTES_MAX) -> None:
+    """Raise InputError if the file is not regular or has more bytes; OSError if it does not exist.
 
-    what : the file is, for the message: ``the camera file``.
+    what : name of the file in the message: ``the camera file``.
     """
     size = require_regular(path, what)
     if size > most_bytes:
-        raise InputError(f"{what} {path} has {size} bytes; it may have {most_bytes} at most.")
+        raise InputError(f"{what} {path} has {size} bytes; it must have at most {most_bytes}.")
 
 
 def require_regular(path: str | os.PathLike[str], what: str = "the file") -> int:
-    """Return the size of a file [byte]. Raise InputError for a pipe or a device, whose reader may wait for ever, and
-    OSError where there is no file.
+    """Return the size of a file [byte].  what : name of the file in the message.
 
-    what : the file is, for the message.
+    Raises InputError for a pipe or a device, whose reader may wait forever, and OSError if the file does not exist.
     """
     try:
-        found = os.stat(path)
+        status = os.stat(path)
     except ValueError:  # a NUL in the name
         raise FileNotFoundError(errno.ENOENT, "No such file", os.fspath(path)) from None
-    if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):  # readers refuse it
-        raise InputError(f"{what} {os.fspath(path)} is no regular file; give the path of one.")
-    return found.st_size
+    if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(
+        status.st_mode
+    ):  # readers reject it
+        raise InputError(
+            f"{what} {os.fspath(path)} is not a regular file; give the path of one."
+        )
+    return status.st_size
 
 
 def require_plausible(path: Path, unpacked_bytes: int) -> None:
-    """Raise InputError where the pixels that a header announces cannot be in the file, before memory is taken."""
+    """Raise InputError if the file is too small for the pixels that its header announces."""
     require_plausible_ratio(str(path), path.stat().st_size, unpacked_bytes)
 
 
 def require_plausible_ratio(place: str, stored_bytes: int, unpacked_bytes: int) -> None:
-    """Raise InputError where they cannot be in so many bytes.  place : what has them, for the message."""
-    if unpacked_bytes > max(ALWAYS_BYTES, MOST_RATIO * stored_bytes):
+    """Raise InputError if too few bytes are stored to be unpacked.  place : name of the file in the message."""
+    if unpacked_bytes > max(UNPACKED_BYTES_FREE, UNPACKED_RATIO_MAX * stored_bytes):
         raise InputError(
-            f"{place} has {stored_bytes} bytes and says that {unpacked_bytes} come out of them, {MOST_RATIO} times "
-            "as many at most are read; it is damaged, or made to fill the memory: write it again, uncompressed if it "
-            "is right."
+            f"{place} has {stored_bytes} bytes but announces {unpacked_bytes} unpacked bytes; at most "
+            f"{UNPACKED_RATIO_MAX} times as many are read. It may be damaged; write it again, without compression."
         )
 
 
 def toml_tables(text: str) -> dict[str, Any]:
-    """The tables of a TOML text; the only call of the parser, whose time grows with the square of a key's parts.
+    """Return the tables of a TOML text; the parser's time grows with the square of a key's parts.
 
-    Raises TOMLDecodeError for whatever is wrong with the text: also one of more than 4 MB, tables, lists or keys that
-    are nested too deep, and numbers of thousands of digits.
+    Raises TOMLDecodeError for invalid TOML, more than 4 MB, excessive nesting, and numbers of thousands of digits.
     """
-    if len(text) > MOST_BYTES:
+    if len(text) > BYTES_MAX:
         raise tomllib.TOMLDecodeError(
-            f"it has {len(text)} characters; it may have {MOST_BYTES} at most"
+            f"it has {len(text)} characters; it must have at most {BYTES_MAX}"
         )
-    if LONG_KEY.search(without_strings(text)):
-        raise tomllib.TOMLDecodeError(f"a key has more than {DEEPEST} parts")
+    blanked = STRING_OR_COMMENT.sub(lambda found: " " if found[0][0] == "#" else "s", text)
+    if LONG_KEY.search(blanked):
+        raise tomllib.TOMLDecodeError(f"a key has more than {DEPTH_MAX} parts")
     try:
         tables = tomllib.loads(text)
     except RecursionError:
-        tables = None
+        raise tomllib.TOMLDecodeError(TOO_DEEP) from None
     except tomllib.TOMLDecodeError:
         raise
     except ValueError as error:  # Python's limit for the digits of a number
         raise tomllib.TOMLDecodeError(str(error).partition(";")[0]) from None
-    if tables is None:
-        wrong = TOO_DEEP
-    else:
-        wrong = beyond_limits(tables)
-    if wrong:
-        raise tomllib.TOMLDecodeError(wrong)
-    return tables or {}
-
-
-def without_strings(text: str) -> str:
-    """A TOML text of equal length, with letters in the place of strings and blanks in that of comments."""
-
-    def fill(match: re.Match[str]) -> str:
-        return (" " if match[0].startswith("#") else "s") * len(match[0])
-
-    return STRING_OR_COMMENT.sub(fill, text)
+    if reason := beyond_limits(tables):
+        raise tomllib.TOMLDecodeError(reason)
+    return tables
 
 
 def json_value(text: str | bytes) -> Any:
-    """The value of a JSON text. Raises ValueError for what is none or nested too deep."""
+    """Return the value of a JSON text. Raises ValueError for invalid JSON or excessive nesting."""
     try:
         value = json.loads(text)
     except RecursionError:
         raise ValueError(TOO_DEEP) from None
-    except ValueError as error:  # Python adds how a program lifts its limit of digits
+    except ValueError as error:  # Python adds how to lift its limit of digits
         raise ValueError(str(error).partition("; use")[0]) from None
-    if wrong := beyond_limits(value):
-        raise ValueError(wrong)
+    if reason := beyond_limits(value):
+        raise ValueError(reason)
     return value
 
 
 def beyond_limits(value: object) -> str:
-    """What is wrong with a value of tables and lists: they are too deep, or a number is too long; else an empty text.
+    """Return why nested tables and lists exceed the limits; empty if they do not.
 
-    Goes level by level, because going into depth may be what is too deep, and meets everything once, because one value
-    may stand in many places.
+    The search proceeds by level, so it needs no recursion, and visits shared values once.
     """
     level: list[object] = [value]
-    for _ in range(DEEPEST):
+    for _ in range(DEPTH_MAX):
         inner: dict[int, object] = {}
         for outer in level:
             if isinstance(outer, dict | list):
                 parts = outer.values() if isinstance(outer, dict) else outer
                 inner.update((id(part), part) for part in parts)
             elif (
-                isinstance(outer, int) and outer.bit_length() > MOST_BITS
-            ):  # hexadecimal: Python cannot print it
-                return f"a whole number has {outer.bit_length()} bits; it may have {MOST_BITS} at most"
+                isinstance(outer, int) and outer.bit_length() > BITS_MAX
+            ):  # Python cannot print it
+                return f"a whole number has {outer.bit_length()} bits; it must have at most {BITS_MAX}"
         level = list(inner.values())
         if not level:
             return ""

@@ -1,4 +1,4 @@
-"""Constants of nature (SI 2019 values, exact by definition; CODATA 2018 lists them) and the energy of a photon."""
+"""Physical constants (exact SI 2019 values, as in CODATA 2018) and the photon energy."""
 
 from .types import Array
 
@@ -11,5 +11,5 @@ BOLTZMANN_EV_PER_K = BOLTZMANN_J_PER_K / ELEMENTARY_CHARGE_C
 
 
 def photon_energy_j(wavelength_nm: Array) -> Array:
-    """Energy of one photon, hc/λ [J]; 3.6117e-19 J at 550 nm."""
+    """Return the energy of a photon, hc/λ [J]; 3.6117e-19 J at 550 nm."""
     return PLANCK_J_S * LIGHT_SPEED_M_PER_S / (wavelength_nm * 1e-9)

@@ -1,9 +1,10 @@
-"""Versions of everything that a number depends on, and the machine that times were measured on."""
+"""Versions of the software that results depend on, and the machine that run times were measured on."""
 
 from __future__ import annotations
 
 import os
 import platform
+import re
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -14,25 +15,21 @@ PACKAGES += ("pyoidn", "pydantic", "typer", "rich", "tifffile", "pillow", "matpl
 
 @cache  # it takes 20 ms
 def versions() -> dict[str, str | None]:
-    """Version of Python, of this package and of everything it stands on; None for what is not installed."""
+    """Return the versions of Python, this package and its dependencies; None if not installed."""
     from importlib import metadata  # takes 20 ms to import
 
-    found: dict[str, str | None] = {
-        "python": platform.python_version(),
-        **dict.fromkeys(PACKAGES),
-    }
+    installed: dict[str, str | None] = {"python": platform.python_version()}
     for name in PACKAGES:
+        installed[name] = None
         with suppress(metadata.PackageNotFoundError):
-            found[name] = metadata.version(name)
-    return found
+            installed[name] = metadata.version(name)
+    return installed
 
 
 def machine() -> dict[str, int | str | None]:
-    """Processor and number of cores, for times that were measured here."""
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.exists():
-        lines = cpuinfo.read_text(encoding="utf-8").splitlines()
-    else:
-        lines = []
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return {"cpus": os.cpu_count(), "processor": models[0] if models else platform.machine()}
+    """Return the processor and its number of cores."""
+    with suppress(OSError):
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+        if model := re.search(r"^model name\s*:(.*)", text, re.M):
+            return {"cpus": os.cpu_count(), "processor": model[1].strip()}
+    return {"cpus": os.cpu_count(), "processor": platform.machine()}

@@ -1,4 +1,4 @@
-"""The cameras of a dataset, with all that is set or varied in them, and the folders that its files are read from."""
+"""The cameras of a dataset with their set and varied fields, and the folders of its files."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from .sweep import Combination, of_kind
 from .values import SAME
 
 SET_BY_DATASET = "set by the dataset file"
-MAY_BE_FILES = ("lens.prescription", "quantum_efficiency.file")
+FILE_FIELDS = ("lens.prescription", "quantum_efficiency.file")
 CAMERAS_KEPT = 500
 
 
 class VariedCamera(NamedTuple):
     """A camera before its gain.
 
-    datasheet : its numbers, without what is written for people.  key : of the datasheet.  gain : name of its gain
-    setting, or None for that of the datasheet.  light : what of it decides the light in front of its pixels.
-    is_staggered : whether it has exposures one after the other.
+    datasheet : its parameters, without text for people.  key : of the datasheet.  gain : name of its gain setting, or
+    None for the gain of the datasheet.  light : the fields that decide the light before the pixels.  is_staggered :
+    True if it has exposures one after the other.
     """
 
     camera: Camera
@@ -43,22 +43,22 @@ class VariedCamera(NamedTuple):
 
 
 class Folders(NamedTuple):
-    """Where the files of a dataset are looked for.
+    """The folders that hold the files of a dataset.
 
-    roots : the folder of the dataset file, and those of --root.  untrusted : whether files outside of these folders are
-    rejected, because somebody else wrote the dataset file or a scene. Otherwise every file that they name is read.
+    roots : the folder of the dataset file, and the folders of --root.  untrusted : True to reject files outside these
+    folders, because somebody else wrote the dataset file or a scene.
     """
 
     roots: Sequence[Path]
     untrusted: bool = False
 
     def find(self, name: str, what: str) -> Path:
-        """The file of this name. Raises InputError where there is none, or it may not be read.
+        """Return the path of a file. Raises InputError for a missing or forbidden file.
 
         what : the file is, for messages.
         """
-        known = folder_names(self.roots)
-        remedy = f"name its folder with --root and write its path from there (the folders now: {known})"
+        folders = folder_names(self.roots)
+        remedy = f"name its folder with --root and write its path from there (the folders now: {folders})"
         leads_out = os.path.isabs(name) or ".." in PurePath(name).parts or "\0" in name
         if leads_out and (self.untrusted or "\0" in name):
             raise InputError(
@@ -66,23 +66,22 @@ class Folders(NamedTuple):
             )
         for root in self.roots:
             if os.path.isfile(root / name):  # False also for names that are too long
-                if self.untrusted and not (root / name).resolve().is_relative_to(
-                    root.resolve()
-                ):
+                path = root / name
+                if self.untrusted and not path.resolve().is_relative_to(root.resolve()):
                     raise InputError(
                         f"{what} is {name!r}, a link that leads out of {root}; {remedy}."
                     )
-                return root / name
-        raise InputError(f"{what} is {name[:200]!r}, and there is no such file; {remedy}.")
+                return path
+        raise InputError(f"{what} is {name[:200]!r}, but there is no such file; {remedy}.")
 
     def check(self, paths: Sequence[Path]) -> None:
-        """Raise InputError for a file that may not be read."""
+        """Raise InputError for a forbidden file."""
         if self.untrusted:
             check_below(paths, self.roots)
 
 
 class Cameras:
-    """The cameras of a dataset file. Raises InputError for one that cannot be.
+    """The cameras of a dataset file. Raises InputError for an impossible camera.
 
     models : names of their models, by entry: two entries of one model and serial number are the same sensor unit.
     """
@@ -99,18 +98,18 @@ class Cameras:
         _check_outputs(file.outputs, self.as_given)
 
     def name(self, number: int) -> str:
-        """What the dataset calls it."""
+        """Return the name of a camera in the dataset."""
         return self.entries[number].name or self.models[number]
 
-    def of(self, one: Combination) -> VariedCamera:
-        """The camera with all that varies in it; that it has the gain setting is checked. Raises InputError."""
-        values = {x: one.values[x] for x in self._varied_names if x in one.values}
-        known = repr((one.camera, values))
-        if known not in self._varied:
+    def of(self, sample: Combination) -> VariedCamera:
+        """Return the camera of a sample. Raises InputError if it lacks the gain setting."""
+        values = {x: sample.values[x] for x in self._varied_names if x in sample.values}
+        key = repr((sample.camera, values))
+        if key not in self._varied:
             if len(self._varied) >= CAMERAS_KEPT:
                 self._varied.clear()
-            self._varied[known] = self._with(one.camera, values)
-        return self._varied[known]
+            self._varied[key] = self._with(sample.camera, values)
+        return self._varied[key]
 
     def _with(self, entry: int, values: Facts) -> VariedCamera:
         gain = values.pop("gain", None)
@@ -127,74 +126,64 @@ class Cameras:
         if source not in list_cameras():
             if not source.endswith(".toml"):
                 near = nearest(source, list_cameras())
-                remedy = "`mitsuba-sensor cameras list` has them; the name of a camera file ends in .toml"
-                raise InputError(f"{where} is not a camera; {remedy}.{near}")
+                raise InputError(
+                    f"{where} is not a camera; `mitsuba-sensor cameras list` has the names, and camera files end in "
+                    f".toml.{near}"
+                )
             path = self.folders.find(source, where)
             self.folders.check(camera_references(path))
             source = str(path)
         changes = self._with_places(_fields_in(entry.set), where)
-        return with_fields_of(load_camera(source), changes, SET_BY_DATASET).without(
-            *entry.without
-        )
+        camera = with_fields_of(load_camera(source), changes, SET_BY_DATASET)
+        return camera.without(*entry.without)
 
     def _with_places(self, changes: Config, where: str, table: str = "") -> Facts:
-        """The same; fields that name files, with their place below a root.  table : in which the fields are."""
-        found = dict(changes)
+        """Return changes in which names of files are paths below a root.  table : prefix of the fields."""
+        placed = dict(changes)
         for field, value in changes.items():
             name = f"{table}{field}"
             if isinstance(value, Mapping):
-                found[field] = self._with_places(value, where, f"{name}.")
-            elif _is_file(name, value):
-                found[field] = str(self.folders.find(value, f"{name} of {where}"))
-        return found
+                placed[field] = self._with_places(value, where, f"{name}.")
+            elif name in FILE_FIELDS and isinstance(value, str) and value not in list_lenses():
+                placed[field] = str(self.folders.find(value, f"{name} of {where}"))
+        return placed
 
 
 def is_staggered(camera: Camera) -> bool:
-    """Whether it has exposures one after the other."""
+    """Return True if a camera has exposures one after the other."""
     return bool(later_exposures(camera, Exposure(1.0)))
 
 
-def _is_file(field: str, value: object) -> bool:
-    """Whether a field of a camera is the name of a file which does not ship with the package."""
-    return field in MAY_BE_FILES and isinstance(value, str) and value not in list_lenses()
-
-
 def _fields_in(tables: Config, table: str = "") -> Facts:
-    """Dotted names of fields and their values: `adc.bits = 12` without quotes is a table in a table."""
-    found, known = dict[str, object](), fields_of(Camera)
+    """Return values by dotted field: `adc.bits = 12` without quotes is a table in a table."""
+    values, fields = dict[str, object](), fields_of(Camera)
     for name, value in tables.items():
         dotted = f"{table}{name}"
-        if (
-            isinstance(value, Mapping)
-            and value
-            and all(f"{dotted}.{one}" in known for one in value)
-        ):
-            found |= _fields_in(value, f"{dotted}.")
-        else:
-            found[dotted] = value
-    return found
+        is_table = isinstance(value, Mapping) and all(f"{dotted}.{x}" in fields for x in value)
+        values |= _fields_in(value, f"{dotted}.") if is_table and value else {dotted: value}
+    return values
 
 
 def _of_light(camera: Camera, is_cube: bool) -> Facts:
-    """What of the camera decides the light in front of its pixels. With a cube all that it detects is its band."""
-    whole = camera.model_dump(mode="json", include={"lens", "sensor", "quantum_efficiency"})
+    """Return the fields of a camera that decide the light before its pixels; in a cube only its band counts of QE."""
+    light = camera.model_dump(mode="json", include={"lens", "sensor", "quantum_efficiency"})
     of_sensor = ("columns", "rows", "shutter", "row_time_us", "dual_pixel")
-    whole["sensor"] = {name: whole["sensor"][name] for name in of_sensor}
+    light["sensor"] = {name: light["sensor"][name] for name in of_sensor}
     if is_cube:
-        del whole["quantum_efficiency"]
-        whole["band_nm"] = camera.band_nm
-    return {**whole, "pitch_um": [camera.pixel.pitch_x_um, camera.pixel.pitch_y_um]}
+        del light["quantum_efficiency"]
+        light["band_nm"] = camera.band_nm
+    return {**light, "pitch_um": [camera.pixel.pitch_x_um, camera.pixel.pitch_y_um]}
 
 
 def _check_outputs(outputs: Sequence[str], cameras: Sequence[Camera]) -> None:
     """Raise InputError for an output that no camera of the dataset has."""
     if "readouts" in outputs and not any(map(has_several_readouts, cameras)):
         raise InputError(
-            "outputs names 'readouts', and every camera of the dataset reads each pixel once; leave it out, or take a "
-            "camera with several read-outs, e.g. scmos_dual_gain."
+            "outputs names 'readouts', but every camera of the dataset reads each pixel once; remove it, or give a "
+            "camera with several readouts, e.g. scmos_dual_gain."
         )
     if "companded" in outputs and not any(camera.companding.knees for camera in cameras):
         raise InputError(
-            "outputs names 'companded', and no camera of the dataset has companding.knees; leave it out, or take one "
-            "that has, e.g. sony_imx490."
+            "outputs names 'companded', but no camera of the dataset has companding.knees; remove it, or give a camera "
+            "with knees, e.g. sony_imx490."
         )

@@ -1,9 +1,10 @@
-"""The card of a dataset, README.md, and its contact sheet: counts, noise of the cameras, values, how to read it."""
+"""The card of a dataset, README.md, with its contact sheet and samples.csv: counts, noise, values, how to read it."""
 
 from __future__ import annotations
 
 import csv
 import io
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -11,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from ..camera.camera_file import camera_from
 from ..camera.figures import figures_if_any
 from ..core.html import render_template
 from ..files import durable
 from ..files.parquet import POSE
 from ..files.png import png, write_png
 from ..files.texts import write_page
-from ..output.contact_sheet import Captioned, SheetRow, contact_sheet
+from ..output.contact_sheet import SIDE, Captioned, SheetRow, contact_sheet
 from .file import DatasetFile
 from .keys import Config, Facts, canonical
 from .read import IMAGES, Sample
@@ -26,45 +28,41 @@ from .sweep import evenly_chosen
 from .table import EXPOSED, Table
 from .values import PICTURE
 
-CARD, SHEET = "README.md", "contact_sheet.png"
+CARD, SHEET, TABLE = "README.md", "contact_sheet.png", "samples.csv"
 TEMPLATE = Path(__file__).with_name("card.md.j2")
 SAMPLES_READ_MAX = 200
 """Samples that are read for a card, however many there are."""
-SHEET_LINES_MAX, SHEET_ROWS_MAX, SHEET_COLUMNS_MAX, CAPTION_LINES_MAX = 2000, 8, 10, 3
+SHEET_LINES_MAX, SHEET_PICTURES_MAX, SHEET_GROUPS_MIN, CAPTION_LINES_MAX = 2000, 64, 8, 3
+CAPTION_PX = (90, 40)
+"""Usual width and height of a caption of a contact sheet."""
 VISIBLE_RATIO = 0.1
-"""Render variance over sensor variance from which on a frame is 5 % too noisy."""
-LESS_RENDER_NOISE = (
-    "To reduce it, set `denoise = true`, a larger `spp`, or `noise_ratio = 0.1` with `max_spp` and without `spp` in "
-    "`[render]` of the dataset file."
-)
+"""Render variance over sensor variance above which a frame is more than 5 % too noisy."""
 ROW_NAMES = ("scene", "view", "time_s", "pose", "exposure_s", "exposure_ev")
-"""Values that stand elsewhere in a contact sheet than below the exposure of a picture."""
+"""Values that a contact sheet does not show below the exposure of a picture."""
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "ns": 1e-9}
 HOW = """import mitsuba_sensor as ms
 
 for sample in ms.Dataset("DIR"):
     print(sample.key, sample.split, sample.values, sample.read("{array}").shape)
 """
-
-
-TABLE = "samples.csv"
 ROWS_MAX = 100_000
-"""Rows of which spreadsheets are made."""
+"""Rows of the largest samples.csv."""
 COLUMNS = ("key", "split", "shard", "scene", "view", "camera", "serial", *EXPOSED)
-"""First columns of samples.csv; then all others that vary."""
+"""First columns of samples.csv; all other varied fields follow."""
 AGAIN = (
     f"`index.parquet` lists all samples, and so does `{TABLE}`, of up to {ROWS_MAX} samples. `mitsuba-sensor dataset "
-    "run` writes them, this page and the contact sheet again when the dataset changes: keep notes of your own in "
-    "another file."
+    "run` writes them, this page and the contact sheet again when the dataset changes: keep your own notes in another "
+    "file."
 )
 
 
 def write_overview(
     store: Store, file: DatasetFile, table: Table, planned: int, failed: int
 ) -> str:
-    """Write all three where the card is of other samples, and return how large the render noise is. Raises InputError.
+    """Write card, contact sheet and samples.csv if the samples changed, and return a sentence on the render noise.
+    Raises InputError.
 
-    planned : samples in all.  failed : tasks that could not be made.
+    planned : number of samples in all.  failed : number of tasks that could not be made.
     """
     mark = f"<!-- {table.digest} of {planned}, {failed} failed -->"
     names = [CARD] + [TABLE] * (len(table) <= ROWS_MAX)
@@ -75,7 +73,7 @@ def write_overview(
     notes = [AGAIN, mark]
     if planned > len(table):
         why = f", and {failed} tasks have failed" if failed else ""
-        notes.insert(0, f"{planned - len(table)} of {planned} samples are not there{why}.")
+        notes.insert(0, f"{planned - len(table)} of {planned} samples are missing{why}.")
     if len(table) <= ROWS_MAX:
         write_page(store.folder / TABLE, samples_csv(table))
     else:
@@ -84,18 +82,16 @@ def write_overview(
 
 
 def samples_csv(table: Table) -> str:
-    """A row for each sample, for spreadsheets; the parts of a pose have columns of their own."""
+    """Return a row for each sample, for spreadsheets; the vectors of a pose have separate columns."""
     names, text = dict.fromkeys((*COLUMNS, *table.names)), io.StringIO()
-    if "pose" in names:
+    if names.pop("pose", "") is None:
         names |= dict.fromkeys(f"pose.{name}" for name in POSE)
-        del names["pose"]
     writer = csv.DictWriter(text, [*names], restval="", lineterminator="\n")
     writer.writeheader()
     for line in table:
-        cells = {"key": line.key, "split": line.split, "shard": line.shard, **line.exposed}
-        pose = line.values.get("pose", {}).items()
-        cells |= line.values | {f"pose.{name}": vector for name, vector in pose}
-        cells.pop("pose", None)
+        cells = {"key": line.key, "split": line.split, "shard": line.shard}
+        cells |= line.exposed | line.values
+        cells |= {f"pose.{name}": x for name, x in cells.pop("pose", {}).items()}
         lists = {n: " ".join(map(str, x)) for n, x in cells.items() if isinstance(x, list)}
         writer.writerow(cells | lists)
     return text.getvalue()
@@ -110,10 +106,10 @@ def write_card(
     how: str = "",
     notes: Iterable[str] = (),
 ) -> str:
-    """Write README.md, and contact_sheet.png where there are pictures, and return how large the render noise is. Raises
+    """Write README.md, and contact_sheet.png if there are pictures, and return a sentence on the render noise. Raises
     InputError.
 
-    lines : of the samples.  how : code that reads them; by default that for the dataset itself.  notes : sentences.
+    lines : of the samples.  how : code that reads them; by default the code for the dataset itself.  notes : sentences.
     """
     chosen, all_notes = evenly_chosen(lines, SAMPLES_READ_MAX), [*notes]
     facts = [Sample(store, line).facts for line in chosen]
@@ -130,7 +126,7 @@ def write_card(
         )
     array = next((name for name in file.outputs if name in IMAGES), "")
     is_identifier = re.fullmatch(r"[A-Za-z0-9.-]+", licence)
-    noise, render_noise = _noise_rows(facts), _render_noise(facts)
+    noise, render_noise = _noise_rows(facts), _render_noise(facts, file.render)
     versions = facts[0]["versions"].items() if facts else ()
     text = render_template(
         TEMPLATE,
@@ -143,7 +139,7 @@ def write_card(
         notes=all_notes,
         splits=_split_rows(lines),
         noise=noise,
-        noise_varies=any(" to " in _cell(cell) for row in noise for cell in row[3:]),
+        noise_varies=any(" to " in cell for row in noise for cell in row[3:]),
         values=_value_rows(facts),
         how=how or (HOW.format(array=array) if array else ""),
         versions=", ".join(f"{name} {version}" for name, version in versions if version),
@@ -154,171 +150,219 @@ def write_card(
 
 
 def _figures(lines: Sequence[Row], facts: Sequence[Facts]) -> list[tuple[str, str | int]]:
-    """Counts of the whole dataset."""
-    sizes = {f"{one['image']['columns']} × {one['image']['rows']}" for one in facts}
-    bytes_of_lights = {line.shard: line.light_bytes for line in lines}
+    """Return counts of the whole dataset."""
+    sizes = {f"{x['image']['columns']} × {x['image']['rows']}" for x in facts}
+    light_bytes = {line.shard: line.light_bytes for line in lines}
     return [
         ("samples", len(lines)),
         ("raw frames", sum(line.values.get("frames", 1) for line in lines)),
         ("scenes", ", ".join(sorted({str(line.values.get("scene")) for line in lines}))),
-        ("renders", len(bytes_of_lights)),
+        ("renders", len(light_bytes)),
         ("pixels", ", ".join(sorted(sizes))),
-        ("bytes", sum(line.bytes for line in lines) + sum(bytes_of_lights.values())),
+        ("bytes", sum(line.bytes for line in lines) + sum(light_bytes.values())),
     ]
 
 
 def _split_rows(lines: Iterable[Row]) -> list[tuple[str | int, ...]]:
-    """Split, samples, scenes, renders and sensor units."""
-    found: dict[str, tuple[set[object], ...]] = {}
+    """Return split and numbers of samples, scenes, renders and sensor units."""
+    by_split: dict[str, list[tuple[object, ...]]] = {}
     for line in lines:
-        sets = found.setdefault(line.split, (set(), set(), set(), set()))
         unit = (*map(line.values.get, ("camera", "serial", "sensor")),)
-        things = line.key, line.values.get("scene"), line.shard, unit
-        for known, thing in zip(sets, things, strict=True):
-            known.add(thing)
-    return [(split or "–", *map(len, sets)) for split, sets in found.items()]
+        row = line.key, line.values.get("scene"), line.shard, unit
+        by_split.setdefault(line.split, []).append(row)
+    return [
+        (split or "–", *(len({*column}) for column in zip(*rows, strict=True)))
+        for split, rows in by_split.items()
+    ]
 
 
 def _noise_rows(facts: Iterable[Facts]) -> list[tuple[Any, ...]]:
-    """Camera, gain, samples, and the ranges of K, σ_d, saturation, black and white level; a row of each readout too."""
+    """Return camera, gain, samples, and ranges of K, σ_d, saturation, black and white level; also of each readout."""
     rows: dict[tuple[str, str], list[tuple[float | None, ...]]] = {}
-    known: dict[str, Mapping[str, tuple[float | None, float | None]]] = {}
-    for one in facts:
-        config, image = one["config"], one["image"]
+    figures: dict[str, Mapping[str, tuple[float | None, float | None]]] = {}
+    names = ("overall_system_gain_dn_per_e", "black_level_dn", "white_level_dn")
+    for sample in facts:
+        config = sample["config"]
         key = canonical({"camera": config["camera"], "gain": config["gain"]})
-        if key not in known:
-            known[key] = _dark_and_full_e(config)
-        own = {**image, "overall_system_gain_dn_per_e": one["system_gain_dn_per_e"]}
-        levels = {"": own} | {readout["name"]: readout for readout in one["readouts"] or ()}
-        for readout, figures_e in known[key].items():
-            name = f"{one['camera']}, readout {readout}" if readout else one["camera"]
-            level = levels.get(readout, {})
-            gain, black, white = (
-                level.get(x)
-                for x in ("overall_system_gain_dn_per_e", "black_level_dn", "white_level_dn")
-            )
-            row = (gain, *figures_e, black, white)
-            rows.setdefault((name, str(config["gain"] or "–")), []).append(row)
+        figures[key] = figures.get(key) or _dark_and_full_e(config)
+        whole = {**sample["image"], names[0]: sample["system_gain_dn_per_e"]}
+        levels = {"": whole} | {x["name"]: x for x in sample["readouts"] or ()}
+        for readout, figures_e in figures[key].items():
+            camera = sample["camera"] + (f", readout {readout}" if readout else "")
+            gain, *black_and_white = map(levels.get(readout, {}).get, names)
+            row = (gain, *figures_e, *black_and_white)
+            rows.setdefault((camera, str(config["gain"] or "–")), []).append(row)
     return [
-        (*key, len(found), *map(_range, zip(*found, strict=True)))
-        for key, found in rows.items()
+        (*key, len(group), *map(_range, zip(*group, strict=True)))
+        for key, group in rows.items()
     ]
 
 
 def _dark_and_full_e(config: Config) -> dict[str, tuple[float | None, float | None]]:
-    """Readout → σ_d and saturation, of the whole frame under an empty name; None of combined frames."""
-    from ..camera.camera_file import camera_from
-
+    """Return readout → σ_d and saturation [e-]; the whole frame has an empty name, combined frames have None."""
     camera = camera_from(config["camera"], "of the sample").at_gain(config["gain"])
-    found: dict[str, tuple[float | None, float | None]] = {}
-    for name, one in {"": camera, **camera.readout_cameras}.items():
-        figures = figures_if_any(one)
-        found[name] = (None, None)
-        if figures is not None:
-            found[name] = figures.temporal_dark_noise_e, figures.saturation_e
-    return found
+    figures_e = {}
+    for name, readout in {"": camera, **camera.readout_cameras}.items():
+        figures = figures_if_any(readout)
+        names = "temporal_dark_noise_e", "saturation_e"
+        figures_e[name] = (getattr(figures, names[0], None), getattr(figures, names[1], None))
+    return figures_e
 
 
 def _value_rows(facts: Iterable[Facts]) -> list[tuple[Any, ...]]:
-    """Lowest of the lowest, medians, highest of the highest of the quantiles of each camera at each gain."""
+    """Return minimum, medians and maximum of the quantiles of each camera at each gain."""
     groups: dict[tuple[str, str, str], list[list[float]]] = {}
-    for one in facts:
-        key = one["camera"], str(one["config"]["gain"] or "–")
-        groups.setdefault((*key, "raw frame [DN]"), []).append(one["digital_quantiles_dn"])
-        groups.setdefault((*key, "photoelectrons [e-]"), []).append(
-            one["electrons_quantiles_e"]
-        )
+    quantities = {"raw frame [DN]": "digital", "photoelectrons [e-]": "electrons"}
+    units = {"digital": "dn", "electrons": "e"}
+    for sample in facts:
+        for shown, name in quantities.items():
+            key = sample["camera"], str(sample["config"]["gain"] or "–"), shown
+            groups.setdefault(key, []).append(sample[f"{name}_quantiles_{units[name]}"])
     rows = []
     for names, group in groups.items():
-        quantiles = np.array(group)
-        middle = np.median(quantiles[:, 1:-1], axis=0).tolist()
-        rows.append((*names, float(quantiles.min()), *middle, float(quantiles.max())))
+        middle = np.median(group, axis=0)[1:-1].tolist()
+        rows.append((*names, float(np.min(group)), *middle, float(np.max(group))))
     return rows
 
 
-def _render_noise(facts: Iterable[Facts]) -> str:
-    """How large the render noise of the views is beside the sensor's, and what helps where it shows."""
-    ratios = {one["view"]["key"]: one["light"]["noise_ratio_median"] for one in facts}
-    known = [ratio for ratio in ratios.values() if ratio is not None]
-    if not known:
+def _render_noise(facts: Iterable[Facts], render: Config) -> str:
+    """Return a sentence on the render noise of the views relative to the sensor's, and a remedy if it is visible."""
+    ratios = {x["view"]["key"]: x["light"]["noise_ratio_median"] for x in facts}
+    medians = [ratio for ratio in ratios.values() if ratio is not None]
+    if not medians:
         return ""
-    median = float(np.median(known))
-    views = " of one view" if len(known) == 1 else f", and over {len(known)} views"
+    median = float(np.median(medians))
+    views = " of one view" if len(medians) == 1 else f", and over {len(medians)} views"
     note = (
         f"Render noise is {median:.3g} × the sensor's temporal noise (variance; median over the pixels{views}) in the "
         "exposure that a view is rendered for; `clean` holds the same render noise as `raw`."
     )
-    return f"{note} {LESS_RENDER_NOISE}" if median > VISIBLE_RATIO else note
+    if median <= VISIBLE_RATIO:
+        return note
+    return f"{note} {less_render_noise(render)}, and make the dataset in a new folder."
+
+
+def less_render_noise(render: Config) -> str:
+    """Return how to reduce render noise with this [render] table, without a full stop."""
+    remedies = [] if render.get("denoise") else ["`denoise = true`"]
+    goal = render.get("noise_ratio")
+    if goal is None:
+        remedies.append(f"a larger `{'max_spp' if 'max_spp' in render else 'spp'}`")
+        without = " and without `spp`" if "spp" in render else ""
+        remedies.append(f"`noise_ratio = {VISIBLE_RATIO}` with `max_spp`{without}")
+    else:
+        remedies += ["a larger `max_spp`"] + ["a smaller `noise_ratio`"] * (
+            goal > VISIBLE_RATIO
+        )
+    *others, last = remedies
+    several = f"{', '.join(others)} or {last}" if others else last
+    return f"To reduce it, set {several} in `[render]` of the dataset file"
 
 
 def sheet_rows(store: Store, lines: Sequence[Row]) -> list[SheetRow]:
-    """Rows of a contact sheet, one for each scene and view, evenly chosen; none without previews and raw frames."""
+    """Return the rows of a nearly square contact sheet; none without previews and raw frames.
+
+    Each scene and view starts a row, unless most have so few samples that scenes follow one another in a row.
+    """
     looked_at = evenly_chosen(lines, SHEET_LINES_MAX)
-    scenes: dict[str, dict[object, list[Row]]] = {}
+    varied = _varied([line.values for line in looked_at])
+    groups: dict[tuple[object, object], list[Row]] = {}
     for line in looked_at:
-        views = scenes.setdefault(str(line.values.get("scene")), {})
-        views.setdefault(line.values.get("view"), []).append(line)
-    varied, rows = _varied([line.values for line in looked_at]), list[SheetRow]()
-    shown = evenly_chosen([*scenes], SHEET_ROWS_MAX)
-    for scene in shown:
-        for view in evenly_chosen([*scenes[scene]], SHEET_ROWS_MAX // len(shown)):
-            pictures = []
-            for line in evenly_chosen(scenes[scene][view], SHEET_COLUMNS_MAX):
-                sample = Sample(store, line)
-                if sample.has(PICTURE) or sample.has(IMAGES["raw"]):
-                    picture = png(sample.read("preview"))
-                    pictures.append(Captioned(picture, caption(line, varied)))
-            if pictures:
-                rows.append(
-                    SheetRow([scene] if view is None else [scene, f"view {view}"], pictures)
-                )
+        groups.setdefault((line.values.get("scene"), line.values.get("view")), []).append(line)
+    longest = max(map(len, groups.values()), default=1)
+    chosen = evenly_chosen([*groups], max(SHEET_PICTURES_MAX // longest, SHEET_GROUPS_MIN))
+    labelled: list[tuple[list[str], list[Captioned]]] = []
+    shape = (1, 1)
+    for scene, view in chosen:
+        pictures = []
+        for line in evenly_chosen(groups[scene, view], SHEET_PICTURES_MAX // len(chosen)):
+            sample = Sample(store, line)
+            if sample.has(PICTURE) or sample.has(IMAGES["raw"]):
+                preview = sample.read("preview")
+                pictures.append(Captioned(png(preview), caption(line, varied)))
+                shape = preview.shape[:2]
+        if pictures:
+            label = [str(scene)] + ([] if view is None else [f"view {view}"])
+            labelled.append((label, pictures))
+    sizes = [len(pictures) for _, pictures in labelled]
+    shrink = max(-(-max(shape) // SIDE), 1)
+    aspect = max(shape[1] / shrink, CAPTION_PX[0]) / (shape[0] / shrink + CAPTION_PX[1])
+    if sum(sizes) and max(sizes) < columns_of([sum(sizes)], aspect):
+        pictures = [
+            x._replace(caption=[", ".join(label), *x.caption])
+            for label, y in labelled
+            for x in y
+        ]
+        labelled, sizes = [([], pictures)], [len(pictures)]
+    columns = columns_of(sizes, aspect)
+    rows = []
+    for label, pictures in labelled:
+        for first in range(0, len(pictures), columns):
+            last = min(first + columns, len(pictures))
+            place = f"{first + 1} to {last}" if last > first + 1 else f"{last}"
+            shown = [*label, place] if len(pictures) > columns else label
+            rows.append(SheetRow(shown, pictures[first:last]))
     return rows
 
 
+def columns_of(sizes: Sequence[int], aspect: float) -> int:
+    """Return the columns of the page nearest to a square, with rows of equal length in the longest group.
+
+    sizes : pictures of each group.  aspect : width over height of a cell.
+    """
+
+    def elongation(columns: int) -> float:
+        return abs(math.log(columns * aspect / sum(-(-size // columns) for size in sizes)))
+
+    longest = max(sizes, default=0)
+    return min(
+        (-(-longest // rows) for rows in range(1, longest + 1)), key=elongation, default=1
+    )
+
+
 def _varied(values: Sequence[Config]) -> list[str]:
-    """Names that have several values, in the order in which the samples have them."""
-    first = {name: x for one in reversed(values) for name, x in one.items()}
-    return [name for name, x in first.items() if any(one.get(name, x) != x for one in values)]
+    """Return the names with several values, in the order of the samples."""
+    first = {name: x for row in reversed(values) for name, x in row.items()}
+    return [name for name, x in first.items() if any(row.get(name, x) != x for row in values)]
 
 
 def caption(line: Row, varied: Sequence[str]) -> list[str]:
-    """The exposure as it was, metering and stops included, and what else varies: one line for each."""
+    """Return the actual exposure and the other varied values, one line each."""
     stops, time_s = line.values.get("exposure_ev"), line.exposed["exposed_s"]
-    found = [f"{time_text(time_s)}, {stops:+g} EV" if stops else time_text(time_s)]
+    lines = [f"{time_text(time_s)}, {stops:+g} EV" if stops else time_text(time_s)]
     for name in varied:
         if name in line.values and name not in ROW_NAMES:
             values = line.values[name]
             values = values if isinstance(values, list | tuple) else [values]
             text = " ".join(f"{x:g}" if isinstance(x, float) else str(x) for x in values)
-            found.append(text if name == "camera" else f"{name.rpartition('.')[2]} {text}")
-    return found[:CAPTION_LINES_MAX]
+            lines.append(text if name == "camera" else f"{name.rpartition('.')[2]} {text}")
+    return lines[:CAPTION_LINES_MAX]
 
 
 def time_text(seconds: float) -> str:
-    """A time with its unit: 22 µs, 0 s, 1.5 s."""
+    """Return a time with its unit: 22 µs, 0 s, 1.5 s."""
     unit = next((unit for unit, size in TIME_UNITS.items() if seconds >= size), "ns")
-    if not seconds:
-        unit = "s"
+    unit = unit if seconds else "s"
     return f"{seconds / TIME_UNITS[unit]:.3g} {unit}"
 
 
-def _range(values: Iterable[float | None]) -> str | float | None:
-    """One value, or the smallest and the largest."""
-    known = [value for value in values if value is not None]
-    if not known:
-        return None
-    low, high = _cell(min(known)), _cell(max(known))
-    return known[0] if low == high else f"{low} to {high}"
+def _range(values: Iterable[float | None]) -> str:
+    """Return one value, or the smallest and the largest."""
+    numbers = [value for value in values if value is not None]
+    cells = (
+        [_cell(value) for value in (min(numbers), max(numbers))] if numbers else [_cell(None)]
+    )
+    return " to ".join(dict.fromkeys(cells))
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str | float | None]]) -> str:
-    """A Markdown table; none without rows."""
+    """Return a Markdown table; an empty text without rows."""
     lines = [heads, ["---"] * len(heads), *([_cell(value) for value in row] for row in rows)]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) if rows else ""
 
 
 def _cell(value: str | float | None) -> str:
-    """Numbers to five digits or whole, thousands apart; text without what would end the cell."""
+    """Return a number with five digits and grouped thousands; a text without what would end the cell."""
     if value is None:
         return "–"
     if isinstance(value, str):

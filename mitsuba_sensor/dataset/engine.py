@@ -1,6 +1,6 @@
 """Makes tasks in processes of this machine, on a Dask cluster, or in this process, by one loop over their futures.
 
-Processes are those of pebble: spawned, with a time limit for each task; one that dies takes no other with it.
+pebble spawns the processes, with a time limit for each task; a process that dies ends no other process.
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ from .options import RunOptions
 from .plan import Task
 from .store import Record, Store
 
-MOST_TRIES = 3
-"""Of a task whose process dies."""
-LOOKS_EVERY_S = 5.0
-"""Between two looks at whether a scheduler still answers, where nothing comes from it."""
-ENDS_WITHIN_S = 1.0
-"""How long a stop waits for workers; one that is inside a kernel ends after it, and finishes nothing either."""
-MOST_LOG = 4000
-"""Characters that are kept of what a process printed, from its end."""
+TRIES_MAX = 3
+"""Tries of a task whose process dies."""
+CHECK_PERIOD_S = 5.0
+"""Time between checks of a silent scheduler."""
+STOP_WAIT_S = 1.0
+"""Time that a stop waits for workers; a worker inside a kernel ends after it, and finishes nothing either."""
+LOG_CHARACTERS_MAX = 4000
+"""Characters that are kept from the end of a process's output."""
 LOST = OSError, futures.CancelledError, asyncio.CancelledError
-"""What a client raises of a scheduler that does not answer."""
+"""Errors of a client whose scheduler does not answer."""
 _ONE_AT_A_TIME = threading.Lock()
-"""A worker of Dask with several threads makes its tasks one after another: a render uses all its cores."""
+"""A Dask worker with several threads makes its tasks one after another: a render uses all its cores."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a task.  failed : why it could not be made, or nothing.  log : what its process printed last.
-    full : what the disk did not take."""
+    """Outcome of a task.  failed : why it could not be made, or an empty text.  log : last output of its process.
+    full : the error of a full disk."""
 
     task: Task
     failed: str = ""
@@ -58,7 +58,7 @@ class Outcome:
 
 
 def make_anew(store: Store, record: Record, task: Task) -> object:
-    """:func:`.make.make_task`, for which Mitsuba is loaded here."""
+    """Make a task in this process, after loading Mitsuba."""
     from .make import load_renderer, make_task
 
     load_renderer()
@@ -67,8 +67,7 @@ def make_anew(store: Store, record: Record, task: Task) -> object:
 
 @dataclass(frozen=True)
 class Job:
-    """What a worker needs besides the task.  capture : whether what is printed on stderr is kept for failures.
-    make : commits a task."""
+    """What a worker needs besides the task.  capture : True to keep stderr for failures.  make : commits a task."""
 
     folder: str
     record: Record
@@ -77,18 +76,18 @@ class Job:
     make: Callable[[Store, Record, Task], object] = make_anew
 
     def log_path(self, task: Task) -> Path:
-        """Where what a process prints is while it makes a task."""
+        """Return the file of the output of a process while it makes a task."""
         return worker_log.place_of(Path(self.folder), task.key)
 
 
 Ended: TypeAlias = tuple[str, str, DiskFull | None]
-"""Why a task has failed, what was printed last, what the disk did not take."""
+"""Why a task has failed, the last output, the error of a full disk."""
 
 
 @dataclass(frozen=True)
 class Pool:
-    """submit : has a task made.  capacity : how many may be under way.
-    check : raises InputError if nobody makes them any more."""
+    """submit : starts a task.  capacity : tasks that may be under way.
+    check : raises InputError if no worker is left."""
 
     submit: Callable[[Task], futures.Future[Ended]]
     capacity: Callable[[], int]
@@ -96,7 +95,7 @@ class Pool:
 
 
 def run_task(job: Job, task: Task) -> Ended:
-    """Make a task in this process; whatever goes wrong with it is returned."""
+    """Make a task in this process, and return what went wrong."""
     store, log = Store(job.folder), job.log_path(task)
     failed: Ended = ("", "", None)
     try:
@@ -108,13 +107,17 @@ def run_task(job: Job, task: Task) -> Ended:
     except InputError as error:
         failed = (str(error), "", None)
     except Exception as error:  # a bug costs one task and not the night
-        failed = (f"{type(error).__name__}: {error}", traceback.format_exc()[-MOST_LOG:], None)
+        failed = (
+            f"{type(error).__name__}: {error}",
+            traceback.format_exc()[-LOG_CHARACTERS_MAX:],
+            None,
+        )
     worker_log.forget(log)
     return failed
 
 
 def outcomes(tasks: Iterable[Task], job: Job, options: RunOptions) -> Iterator[Outcome]:
-    """What becomes of the tasks, in the order in which they end. Raises InputError where nobody can make them."""
+    """Yield the outcomes of tasks, in the order in which they end. Raises InputError without workers."""
     left = iter(tasks)
     if (first := next(left, None)) is None:  # no process where nothing is missing
         return
@@ -131,30 +134,30 @@ def outcomes(tasks: Iterable[Task], job: Job, options: RunOptions) -> Iterator[O
                 running[pool.submit(task)] = task
             if not running:
                 return
-            done = futures.wait(running, LOOKS_EVERY_S, futures.FIRST_COMPLETED).done
+            done = futures.wait(running, CHECK_PERIOD_S, futures.FIRST_COMPLETED).done
             if not done:
                 pool.check()
             for future in done:
                 task = running.pop(future)
                 why, may_live = _death(future)
                 tries[task.key] += 1
-                if may_live and tries[task.key] < MOST_TRIES:
+                if may_live and tries[task.key] < TRIES_MAX:
                     running[pool.submit(task)] = task
                     continue
                 number = tries.pop(task.key)
                 times = f" {number} times" if may_live else ""
                 if why:
-                    log = worker_log.end_of(job.log_path(task), MOST_LOG)
-                    said = worker_log.first_line(log) or why
-                    yield Outcome(task, f"its process died{times} ({said})", log)
+                    log = worker_log.end_of(job.log_path(task), LOG_CHARACTERS_MAX)
+                    why = worker_log.first_line(log) or why
+                    yield Outcome(task, f"its process died{times} ({why})", log)
                 else:
                     yield Outcome(task, *future.result())
 
 
 def _death(future: futures.Future[Ended]) -> tuple[str, bool]:
-    """Why the process of a task has died, empty if it has not, and whether another try may end better.
+    """Return why the process of a task died (an empty text if it did not), and True if another try may succeed.
 
-    Raises InputError where a worker has not understood what it was given.
+    Raises InputError if a worker cannot read what it was sent.
     """
     from pebble import ProcessExpired
 
@@ -170,14 +173,14 @@ def _death(future: futures.Future[Ended]) -> tuple[str, bool]:
         return "it took more than --memory-gb", False
     is_killed_worker = type(error).__name__ == "KilledWorker"  # Dask has tried it again itself
     if isinstance(error, ProcessExpired) or is_killed_worker:
-        return "nothing was printed: a signal, or too little memory", not is_killed_worker
+        return "without output: a signal, or too little memory", not is_killed_worker
     if isinstance(error, InputError):
         raise error
     if isinstance(error, LOST):
-        raise InputError("the Dask scheduler is gone; run it again to make the rest.")
-    said = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError("the Dask scheduler is gone; repeat the command to make the rest.")
+    why = " ".join(f"{type(error).__name__}: {error}".split())
     raise InputError(
-        f"a worker cannot read what this run sends ({said}); install mitsuba-sensor there, in the same version."
+        f"a worker cannot read what this run sends ({why}); install mitsuba-sensor there, in the same version."
     ) from error
 
 
@@ -186,14 +189,14 @@ def _pool(job: Job, options: RunOptions) -> AbstractContextManager[Pool]:
     if options["scheduler"] is not None:
         if limit:
             raise InputError(
-                f"{limit} is for processes of this machine; give `dask worker` its own --memory-limit, or leave "
-                "--scheduler out."
+                f"{limit} limits processes of this machine; give `dask worker` its own --memory-limit, or remove "
+                "--scheduler."
             )
         return _cluster(job, options)
     if options["workers"] == 0:
         if limit:
             raise InputError(
-                f"{limit} ends a process that makes samples, and workers is 0; give --workers 1 or more."
+                f"{limit} ends a process that makes samples, but workers is 0; give --workers 1 or more."
             )
         return nullcontext(Pool(partial(_made_here, replace(job, capture=False)), lambda: 1))
     return _processes(job, options["workers"] or usual_workers(), options["timeout_s"])
@@ -207,7 +210,7 @@ def _made_here(job: Job, task: Task) -> futures.Future[Ended]:
 
 @contextmanager
 def _processes(job: Job, workers: int, timeout_s: float | None) -> Iterator[Pool]:
-    """Processes of this machine, which end with the block, and with this process however it ends."""
+    """Yield processes of this machine, which end with the block, and with this process however it ends."""
     from pebble import ProcessPool
 
     context: Any = multiprocessing.get_context("spawn")
@@ -218,7 +221,7 @@ def _processes(job: Job, workers: int, timeout_s: float | None) -> Iterator[Pool
         try:
             yield Pool(
                 lambda task: pool.schedule(run_task, (job, task), timeout=timeout_s),
-                lambda: 2 * workers,  # the one that it makes, and one that waits for it
+                lambda: 2 * workers,  # each has one task, and one waits for it
             )
         finally:
             pool.stop()  # type: ignore[no-untyped-call]
@@ -226,16 +229,16 @@ def _processes(job: Job, workers: int, timeout_s: float | None) -> Iterator[Pool
 
 
 def _end_workers() -> None:
-    """Runs when the run is stopped: nothing is finished any more while what is complete is counted."""
+    """End the workers of a stopped run, so nothing is finished while complete samples are counted."""
     workers = multiprocessing.active_children()
     for worker in workers:
         worker.terminate()
     for worker in workers:
-        worker.join(ENDS_WITHIN_S / len(workers))
+        worker.join(STOP_WAIT_S / len(workers))
 
 
 def _begin_worker() -> None:
-    """Runs in a process before its first task: it ends, and undoes what is unfinished, when the run ends."""
+    """Prepare a process for its tasks: it ends, and undoes what is unfinished, when the run ends."""
     undo_when_terminated()
     parent = multiprocessing.parent_process()
     assert parent is not None
@@ -250,8 +253,10 @@ def _begin_worker() -> None:
 
 
 def _begin_tracker() -> None:
-    """Begin what tidies up after processes. Whoever begins it takes Ctrl-C from then on, so it is not a worker's
-    thread, whose processes would take it too; and a stop, which ends this process at once, is no reason to warn."""
+    """Start the resource tracker here: its thread takes Ctrl-C from then on, so it must not be the thread of a worker.
+
+    A stop ends this process at once, which is no reason to warn.
+    """
     before = os.environ.get("PYTHONWARNINGS", "")
     silent = "ignore::UserWarning:multiprocessing.resource_tracker"
     os.environ["PYTHONWARNINGS"] = f"{before},{silent}".lstrip(",")
@@ -264,26 +269,25 @@ def _begin_tracker() -> None:
 
 @contextmanager
 def _without_main() -> Iterator[None]:
-    """Processes that begin meanwhile do not run the main script again, which may have no guard, or no file."""
+    """Let new processes not run the main script again, which may have no guard, or no file."""
     main = vars(sys.modules["__main__"])
-    known: Facts = {name: main.pop(name) for name in ("__file__", "__spec__") if name in main}
+    hidden: Facts = {name: main.pop(name) for name in ("__file__", "__spec__") if name in main}
     main["__spec__"] = None
     try:
         yield
     finally:
-        main.update(known)
+        main.update(hidden)
 
 
 @contextmanager
 def _cluster(job: Job, options: RunOptions) -> Iterator[Pool]:
-    """The workers of a Dask scheduler. Raises InputError where there is none."""
+    """Yield the workers of a Dask scheduler. Raises InputError if it does not answer."""
     import distributed
     from distributed.utils import silence_logging_cmgr
 
     address = options["scheduler"]
-    given = options["tls_ca"], options["tls_cert"], options["tls_key"]
-    names = "tls_ca_file", "tls_client_cert", "tls_client_key"
-    tls = {name: file for name, file in zip(names, given, strict=True) if file is not None}
+    names = {"tls_ca": "ca_file", "tls_cert": "client_cert", "tls_key": "client_key"}
+    tls = {f"tls_{x}": options[name] for name, x in names.items() if options[name] is not None}  # type: ignore[literal-required]
     with silence_logging_cmgr(logging.CRITICAL):
         try:
             security = distributed.Security(require_encryption=True, **tls) if tls else None
@@ -292,7 +296,7 @@ def _cluster(job: Job, options: RunOptions) -> Iterator[Pool]:
             OSError,
             ValueError,
             TypeError,
-        ) as error:  # the last one of TLS without a certificate
+        ) as error:  # TypeError: TLS without a certificate
             raise InputError(
                 f"there is no Dask scheduler at {address} ({error}); start one with `dask scheduler`, and "
                 "workers with `dask worker ADDRESS --nthreads 1`."
@@ -301,7 +305,7 @@ def _cluster(job: Job, options: RunOptions) -> Iterator[Pool]:
         def check() -> None:
             if client.status != "running":
                 raise InputError(
-                    f"the Dask scheduler at {address} is gone; run it again to make the rest."
+                    f"the Dask scheduler at {address} is gone; repeat the command to make the rest."
                 )
 
         executor = client.get_executor(pure=False)
@@ -319,11 +323,11 @@ def _cluster(job: Job, options: RunOptions) -> Iterator[Pool]:
 
 
 def _in_worker(versions: Config, job: Job, task: Task) -> Ended:
-    """Runs in a worker of Dask. Raises InputError where it has other versions of what pixels depend on."""
+    """Run a task in a Dask worker. Raises InputError if a library that decides pixels has another version there."""
     for name, version in versions.items():
         if (other := made_by().get(name)) != version:
             raise InputError(
-                f"a worker of the Dask cluster has {name} {other or '(not installed)'}, and this run has "
+                f"a worker of the Dask cluster has {name} {other or '(not installed)'}, but this run has "
                 f"{version or 'none'}; give them the same version."
             )
     with _ONE_AT_A_TIME:
@@ -331,7 +335,5 @@ def _in_worker(versions: Config, job: Job, task: Task) -> Ended:
 
 
 def usual_workers() -> int:
-    """Processes that a machine can feed: a render uses all its cores, and while it writes another one renders."""
-    has_affinity = hasattr(os, "sched_getaffinity")
-    cores = len(os.sched_getaffinity(0)) if has_affinity else os.cpu_count() or 1
-    return min(cores, 2)
+    """Return the usual number of processes: a render uses all cores; while one process writes, another renders."""
+    return min(os.cpu_count() or 1, 2)

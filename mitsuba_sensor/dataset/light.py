@@ -1,4 +1,4 @@
-"""What decides the light of a sample: scene, pose, options of the render, and what the camera has to do with it."""
+"""What decides the light of a sample: scene, pose, options of the render, and some fields of the camera."""
 
 from __future__ import annotations
 
@@ -32,11 +32,13 @@ from .keys import Config, Facts, Fixed, seed_of
 from .sweep import SENSOR, Combination, of_kind
 from .values import OF_SCENE, text_of
 
-FORMAT = 4  # of configurations; another one is other keys, and with them other seeds
-SAMPLES = ("spp", "noise_ratio", "max_spp")  # options that say how many samples a render takes
-SPP = 128  # of a render that is told nothing of them
-PASSED_BY = ("gain", "luminance")  # options of a render that are none of its light
+FORMAT = 4  # of configurations; another number gives other keys and seeds
+SAMPLES = ("spp", "noise_ratio", "max_spp")  # options that set the samples of a render
+SPP = 128  # of a render without these options
+NOT_LIGHT = ("gain", "luminance")  # options of a render that its light does not depend on
 RIGS_KEPT = 4096
+POSE_DIGITS = 9
+"""Decimals of a computed pose: 1 nm, or 1e-9 of a direction."""
 
 
 class Lights:
@@ -46,8 +48,7 @@ class Lights:
         self.file, self.folders = file, folders
         self.places = [self._place(scene) for scene in file.scenes]
         self._motions = [self._motion(scene) for scene in file.scenes]
-        self._is_moving = [motion != Motion() for motion in self._motions]
-        self._motion_facts = [Fixed(one.model_dump(mode="json")) for one in self._motions]
+        self._motion_facts = [Fixed(x.model_dump(mode="json")) for x in self._motions]
         self._digests: list[dict[tuple[str, ...], dict[object, str]]] = [
             {} for _ in file.scenes
         ]
@@ -55,70 +56,73 @@ class Lights:
         self.options = self._options()
 
     def _options(self) -> Fixed:
-        """Options of every render that decide its light."""
+        """Return the options of every render that decide its light."""
         render = dict(self.file.render)
         if render.keys().isdisjoint(SAMPLES):
             render["spp"] = SPP
         options = used(RenderOptions, render).items()
-        of_light = {k: v for k, v in options if k not in (*OF_SCENE, *PASSED_BY)}
+        of_light = {x: y for x, y in options if x not in (*OF_SCENE, *NOT_LIGHT)}
         if of_light.get("start_s") == 0:
             del of_light["start_s"]
         return Fixed(of_light)
 
     def sensors(self, scene: int) -> tuple[str, ...]:
-        """Names of the sensors of a scene that take pictures; none where it is the first one alone."""
+        """Return the names of the sensors of a scene that take images; none if only the first one does."""
         if self.file.scenes[scene].sensors is None:
             return ()
-        return self._rigs(scene, tuple(self._parameters(scene, {}).items())).names
+        return (*self._rig(scene, {}).poses_m,)
 
-    def rig(self, one: Combination) -> Rig:
-        """The sensors of the scene of a sample that has one by name."""
-        return self._rigs(one.scene, tuple(self._parameters(one.scene, one.values).items()))
+    def rig(self, sample: Combination) -> Rig:
+        """Return the sensors of the scene of a sample."""
+        return self._rig(sample.scene, sample.values)
 
-    def described(self, one: Combination, camera: VariedCamera, exposure: Config) -> Facts:
-        """All that decides the light of a sample, ready for JSON."""
-        entry, parameters = self.file.scenes[one.scene], self._parameters(one.scene, one.values)
-        is_moving = self._is_moving[one.scene]
+    def described(self, sample: Combination, camera: VariedCamera, exposure: Config) -> Facts:
+        """Return everything that decides the light of a sample, ready for JSON."""
+        scene, pose = sample.scene, sample.pose
+        entry, parameters = self.file.scenes[scene], self._parameters(scene, sample.values)
         light: Facts = {
             "format": FORMAT,
-            "scene": self._digest(one.scene, parameters),
+            "scene": self._digest(scene, parameters),
             "parameters": parameters,
-            "traverse": {**entry.traverse, **of_kind("traverse", one.values)},
-            "look_at": None if one.pose is None else one.pose.pose,
+            "traverse": {**entry.traverse, **of_kind("traverse", sample.values)},
+            "look_at": None if pose is None else pose.pose,
             "render": self.options,
             "lens": camera.light,
             "dataset_seed": self.file.seed,
         }
         for name in ("scene_unit", "integrator", "ignore_polarization"):
             light[name] = getattr(entry, name)
-        if one.pose is not None and one.pose.time_s is not None:
-            light["start_s"] = one.pose.time_s
-        if (sensor := one.values.get(SENSOR)) is not None:
+        if pose is not None and pose.time_s is not None:
+            light["start_s"] = pose.time_s
+        if (sensor := sample.values.get(SENSOR)) is not None:
             light[SENSOR] = sensor
             if light["look_at"] is not None:
-                light["look_at"] = self.rig(one).pose_of(sensor, light["look_at"])
-        is_of_camera = exposure["time_s"] in ("auto", None) or camera.is_staggered  # metered
+                light["look_at"] = self.rig(sample).pose_of(sensor, light["look_at"])
+        is_moving = self._motions[scene] != Motion()
         if is_moving:
-            light |= {"motion": self._motion_facts[one.scene], "exposure": exposure}
+            light |= {"motion": self._motion_facts[scene], "exposure": exposure}
+        is_of_camera = exposure["time_s"] in ("auto", None) or camera.is_staggered  # metered
         if self.options["noise_ratio"] or (is_moving and is_of_camera):
-            noisy = {"camera": camera.datasheet, "gain": camera.gain}
-            light |= {**noisy, "exposure": exposure}
+            light |= {"camera": camera.datasheet, "gain": camera.gain, "exposure": exposure}
         return light
 
     def _parameters(self, scene: int, values: Config) -> dict[str, str]:
-        """Values of the <default> names of a scene."""
+        """Return the values of the <default> names of a scene."""
         given = {**self.file.scenes[scene].parameters, **of_kind("parameters", values)}
         return {name: text_of(value) for name, value in given.items()}
+
+    def _rig(self, scene: int, values: Config) -> Rig:
+        return self._rigs(scene, tuple(self._parameters(scene, values).items()))
 
     def _rig_of(self, scene: int, parameters: tuple[tuple[str, str], ...]) -> Rig:
         entry, motion = self.file.scenes[scene], self._motions[scene]
         return rig_of(entry, self.places[scene], dict(parameters), motion)
 
     def _digest(self, scene: int, parameters: Mapping[str, str]) -> str:
-        """SHA-256 over all files of a scene. Only parameters that stand in names of files may change it."""
+        """Return the SHA-256 of all files of a scene. Only parameters in names of files can change it."""
         for names, digests in self._digests[scene].items():
-            if known := digests.get((*map(parameters.get, names),)):
-                return known
+            if digest := digests.get((*map(parameters.get, names),)):
+                return digest
         place, roots = self.places[scene], self.folders.roots
         if shipped_file(self.file.scenes[scene].file, SCENE, roots):
             roots = [scenes_folder(), *roots]
@@ -135,8 +139,8 @@ class Lights:
         except InputError as error:
             if not NAME.fullmatch(entry.file):
                 raise
-            also = f"or give {names_of_scenes(entry.file)}"
-            raise InputError(f"{str(error).removesuffix('.')}; {also}") from None
+            shipped = names_of_scenes(entry.file)
+            raise InputError(f"{str(error).removesuffix('.')}; or give {shipped}") from None
 
     def _motion(self, entry: SceneEntry) -> Motion:
         if isinstance(entry.motion, str):
@@ -145,43 +149,34 @@ class Lights:
         return read_motion(entry.motion)
 
     def _find(self, name: str, end: str, what: str) -> Path:
-        """A file below the roots, else one that ships with the package."""
+        """Return the path of a file below the roots, else of a file included with the package."""
         return shipped_file(name, end, self.folders.roots) or self.folders.find(name, what)
 
 
 def exposure_asked(values: Config) -> Facts:
-    """Time [s], "auto" or None for the scene's own; stops on top; temperature [K] or None."""
+    """Return the time [s], "auto", or None for the scene's own; compensation [stops]; temperature [K] or None."""
     time_s, stops, kelvin = map(values.get, ("exposure_s", "exposure_ev", "temperature_k"))
     return {"time_s": time_s, "ev": stops or 0, "temperature_k": kelvin}
-
-
-POSE_DIGITS = 9
-"""Of a pose that is computed [m]: what is left away is 1 nm, or 1e-9 of a direction."""
 
 
 class Rig(NamedTuple):
     """Sensors of a scene.
 
-    poses_m : name of each that takes pictures → 4 × 4 to the world, as the file has it, without scale, in metres.
-    numbers : name of each sensor of the file → its number.
+    poses_m : name of each sensor that takes images → pose in the world as the file has it, shape (4, 4), without scale
+    [m].  numbers : name of each sensor of the file → its number.
     """
 
     poses_m: Mapping[str, Float64Array]
     numbers: Mapping[str, int]
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Of the sensors that take pictures."""
-        return (*self.poses_m,)
-
     def pose_of(self, sensor: str, first: Facts) -> Facts:
-        """Origin, target and up of a sensor.  first : those of the first one of the rig."""
-        places_m = [*self.poses_m.values()]
-        if sensor == self.names[0]:
+        """Return origin, target and up of a sensor.  first : of the first sensor of the rig."""
+        first_sensor = next(iter(self.poses_m))
+        if sensor == first_sensor:
             return first
         start = KeyPose(time_s=0, **first).pose
         assert start is not None
-        pose = start @ np.linalg.inv(places_m[0]) @ self.poses_m[sensor]
+        pose = start @ np.linalg.inv(self.poses_m[first_sensor]) @ self.poses_m[sensor]
         origin, up, forward = pose[:3, 3], pose[:3, 1], pose[:3, 2]
         vectors = {"origin_m": origin, "target_m": origin + forward, "up": up}
         return {
@@ -189,8 +184,8 @@ class Rig(NamedTuple):
         }
 
     def chip(self, serial: int, sensor: str) -> int:
-        """Serial number of the chip behind a sensor: that of the dataset for the first sensor of the file, for each
-        other one a number that belongs to both, because it is another chip."""
+        """Return the serial number of the sensor unit of a sensor: unchanged for the first sensor of the file; for each
+        other one a number that follows from both, because it is another unit."""
         if number := self.numbers[sensor]:
             return seed_of(f"serial {serial} sensor {number}")
         return serial
@@ -200,12 +195,12 @@ class Rig(NamedTuple):
 def rig_of(
     entry: SceneEntry, place: Path, parameters: Mapping[str, str], motion: Motion
 ) -> Rig:
-    """The sensors that an entry asks for.  place : of the scene file.  Raises InputError."""
+    """Return the sensors that an entry requests.  place : of the scene file.  Raises InputError."""
     try:
         options = {"parameters": parameters, "variant": fastest_variant("llvm").name}
         scenes = parse_sensors(str(place), options)
         poses_m = dict[str, Float64Array]()
-        for name in _asked(entry, scenes):
+        for name in _sensors_asked(entry, scenes):
             unit_m = scenes[name].settings.metres(entry.scene_unit) or 1.0
             poses_m[name] = pose_in_file_m(scenes[name], unit_m)
         refuse_one_place(poses_m, None, motion)
@@ -214,19 +209,17 @@ def rig_of(
     return Rig(poses_m, {name: number for number, name in enumerate(scenes)})
 
 
-def _asked(entry: SceneEntry, scenes: Mapping[str, ParsedScene]) -> Sequence[str]:
-    """Names of the sensors that are asked for by name or number, in this order. Raises InputError.
+def _sensors_asked(entry: SceneEntry, scenes: Mapping[str, ParsedScene]) -> Sequence[str]:
+    """Return the names of the sensors requested by name or number, in this order. Raises InputError.
 
     scenes : by the name of each sensor of the file.
     """
     if entry.sensors == ALL_SENSORS:
         return [*scenes]
-    asked = entry.sensors or ()
-    if isinstance(asked, str):
-        asked = (asked,)
+    given = (entry.sensors,) if isinstance(entry.sensors, str) else entry.sensors or ()
     scene, names = next(iter(scenes.values())), list[str]()
-    for one in asked:
-        name = scene.with_sensor(one).sensor_taken().name
+    for sensor in given:
+        name = scene.with_sensor(sensor).sensor_taken().name
         if name in names:
             raise InputError(f"sensors names {name!r} twice; give each once.")
         names.append(name)

@@ -1,4 +1,4 @@
-"""Makes a task: one render, exposed to every camera, and the files of each sample."""
+"""Makes a task: one render, its exposure by every camera, and the files of each sample."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ from .cameras import CAMERAS_KEPT
 from .keys import Config, Facts, canonical, key_of, made_by, seed_of
 from .plan import PlannedSample, Task
 from .store import Record, Shard, Store
-from .values import OF_SCENE, PICTURE, stops_taken
+from .values import OF_SCENE, PICTURE, preview_gain
 
 QUANTILES = (0.0, 0.01, 0.5, 0.99, 1.0)
 Files: TypeAlias = dict[str, bytes | Facts]
 """Contents by name; facts become JSON."""
 _KEPT: dict[str, Rendered] = {}
-"""The light that was rendered last, by its key and lead: further tasks may need it."""
+"""The latest light, by its key and lead: further tasks may need it."""
 
 
 def load_renderer() -> None:
-    """Load Mitsuba and the variant that renders: seconds, or a minute on a machine with much else to do."""
+    """Load Mitsuba and the variant that renders: this takes seconds, or a minute on a busy machine."""
     use(fastest_variant("llvm"))
 
 
@@ -58,9 +58,7 @@ def make_task(store: Store, record: Record, task: Task) -> Shard:
     """Render the light of a task, expose its samples, and commit its shard. Raises InputError and DiskFull."""
     rendered = _rendered(task)
     with durable.scratch_folder(store.shards) as folder:
-        light = {}
-        if task.outputs:
-            light = contents_of(folder, rendered.files_of_light(folder))
+        light = contents_of(folder, rendered.files_of_light(folder)) if task.outputs else {}
         samples = (_row_and_files(rendered, sample, folder) for sample in task.samples)
         return store.commit(task.key, record, light, samples)
 
@@ -76,33 +74,32 @@ def _rendered(task: Task) -> Rendered:
 def _row_and_files(
     rendered: Rendered, sample: PlannedSample, folder: Path
 ) -> tuple[Facts, dict[str, bytes]]:
-    """Fields of the row of a sample in its shard, and its files."""
+    """Return the fields of the row of a sample in its shard, and its files."""
     files = rendered.files_of(sample, folder)
-    facts = files["sample.json"]
-    assert not isinstance(facts, bytes)
+    facts: Any = files["sample.json"]
     exposed = {
         "exposed_s": facts["image"]["exposure_s"],
         "system_gain_dn_per_e": facts["system_gain_dn_per_e"],
         "black_level_dn": facts["image"]["black_level_dn"],
     }
     row = {"number": sample.number, "key": sample.key, "split": sample.split}
-    row |= {"values": sample.values, "exposed": {k: float(x) for k, x in exposed.items()}}
+    row |= {"values": sample.values, "exposed": {x: float(y) for x, y in exposed.items()}}
     return row, contents_of(folder, files)
 
 
 def contents_of(folder: Path, files: Files) -> dict[str, bytes]:
-    """The bytes of files, and of those that were written into the folder, from which they are taken."""
-    found = {
+    """Return the bytes of files, and of the files in the folder, which are removed."""
+    contents = {
         name: x if isinstance(x, bytes) else texts.short_json(x).encode()
         for name, x in files.items()
     }
-    return found | durable.taken_out(folder)
+    return contents | durable.taken_out(folder)
 
 
 class Rendered:
     """The light of a task, rendered for the camera of its lead, ready to be exposed. Raises InputError.
 
-    light : as all machines render it, without the seconds that it took.  seconds_per_sample : of it in every pixel.
+    light : as all machines render it, without its render time.  seconds_per_sample : of the light in every pixel.
     """
 
     def __init__(self, task: Task) -> None:
@@ -121,19 +118,18 @@ class Rendered:
         self._cameras: dict[tuple[str, str | None], Camera] = {}
 
     def _prepare(self) -> PreparedRender:
-        """The scene, loaded; the exposure of what is timed is metered by a short render at rest if need be."""
+        """Return the loaded scene; a short render at rest meters the exposure of what is timed, if needed."""
         use(self._parsed.variant)
-        lead, asked = self.task.lead, self._exposure_of(self.task.lead)
+        lead, exposure = self.task.lead, self._exposure_of(self.task.lead)
         if is_timed(self.task):
-            known = asked
-            if isinstance(asked, Metering):
+            if isinstance(exposure, Metering):
                 at_rest: Any = {"motion": None, "subframes": None, "noise_ratio": None}
                 still = {**self.options, **at_rest, "max_spp": None, "spp": METERING_SPP}
-                metered = prepare(self._parsed, self._camera, asked, **still)
-                known = metered.metered_first().exposure
-            assert isinstance(known, Exposure)
-            asked = _longer(known, lead["exposure"]["ev"])
-        return prepare(self._parsed, self._camera, asked, **self.options)
+                metered = prepare(self._parsed, self._camera, exposure, **still)
+                exposure = metered.metered_first().exposure
+            assert isinstance(exposure, Exposure)
+            exposure = _longer(exposure, lead["exposure"]["ev"])
+        return prepare(self._parsed, self._camera, exposure, **self.options)
 
     def _light(self) -> Irradiance:
         prepared = self._prepared
@@ -151,26 +147,26 @@ class Rendered:
     @cached_property
     def aovs(self) -> Aovs:
         """Depth, position, normals, … of the same pixels."""
-        use(self._parsed.variant)  # a task of another camera may have been rendered between
+        use(self._parsed.variant)  # a task of another camera may have been rendered meanwhile
         return self._prepared.aovs()
 
     def files_of_light(self, folder: Path) -> Files:
-        """The files that all samples of the task share; those that are written to a path are in the folder."""
+        """Return the files that all samples of the task share, except the files written into the folder."""
         if "aovs" in self.task.outputs:
             exr.write_aovs_exr(folder / "aovs.exr", self.aovs)
         if "irradiance" in self.task.outputs:
             exr.write_irradiance_exr(folder / "irradiance.exr", self.light)
-        facts = {
-            "key": self.task.light_key,
-            "scene": self.task.scene,
-            "config": self.task.config,
-            "light": self.light_facts,
-        }
-        return {"view.json": {**facts, "versions": {**versions(), **made_by()}}}
+        made_with = {**versions(), **made_by()}
+        return {"view.json": {**self._view, "light": self.light_facts, "versions": made_with}}
+
+    @cached_property
+    def _view(self) -> Facts:
+        task = self.task
+        return {"key": task.light_key, "scene": task.scene, "config": task.config}
 
     @cached_property
     def light_facts(self) -> Facts:
-        """Of the render: samples, noise, projection, notes."""
+        """Facts on the render: samples, noise, projection, notes."""
         statistics = self.light.statistics.to_dict()
         del statistics["seconds"], statistics["seconds_per_sample"]
         error = self.light.relative_error[np.isfinite(self.light.relative_error)]
@@ -178,20 +174,21 @@ class Rendered:
         return {**statistics, "relative_error_median": median}
 
     def expose(self, sample: PlannedSample) -> tuple[Frames, np.ndarray]:
-        """The frames of one sample, and its mean photoelectrons [e-]."""
+        """Return the frames of one sample, and its mean photoelectrons [e-]."""
         config, light = sample.config, self.light
         asked, stops = self._exposure_of(config), config["exposure"]["ev"]
-        if is_timed(self.task):  # of the light, its stops included
-            known = light.rendered_for
-            asked, stops = known.exposure if known else self._prepared.exposure, 0
+        if is_timed(self.task):  # the exposure of the light includes its stops
+            rendered_for = light.rendered_for
+            asked = rendered_for.exposure if rendered_for else self._prepared.exposure
+            stops = 0
         if "lights" in config:
             light = light.with_lights(config["lights"])
-        start_s = self.options.get("start_s", 0.0)
-        expose = partial(collected, serial=config["serial"], start_s=start_s)
+        start_s, serial = self.options.get("start_s", 0.0), config["serial"]
+        expose = partial(collected, serial=serial, start_s=start_s)
         photons, camera, exposure, _ = expose(light, self._camera_of(config), asked)
         if stops:
             photons, camera, exposure, _ = expose(light, camera, _longer(exposure, stops))
-        seed, serial = seed_of(sample.pixels), config["serial"]
+        seed = seed_of(sample.pixels)
         options: ExposeOptions = {"serial": serial, "seed": seed, "frames": config["frames"]}
         prepared = exposure_of_photons(photons, camera, exposure, options)
         frames = Frames.exposed(self._maps.lend(prepared))
@@ -199,15 +196,15 @@ class Rendered:
         return frames, electrons_of(photons, camera, exposure).astype(np.float32)
 
     def files_of(self, sample: PlannedSample, folder: Path) -> Files:
-        """The files of one sample; those that are written to a path are in the folder."""
+        """Return the files of one sample, except the files written into the folder."""
         config, outputs = sample.config, sample.config["outputs"]
         frames, electrons = self.expose(sample)
         files: Files = {}
         for name in outputs:
             files |= _files_of_output(folder, name, frames, electrons)
-        if "preview" in outputs:  # as bright as without the stops that were taken away
-            picture = preview_of(frames, gain=stops_taken(config["exposure"]["ev"]))
-            files[PICTURE] = png.png(picture)
+        if "preview" in outputs:
+            image = preview_of(frames, gain=preview_gain(config["exposure"]["ev"]))
+            files[PICTURE] = png.png(image)
         files["sample.json"] = {
             "key": sample.key,
             "values": sample.values,
@@ -220,28 +217,24 @@ class Rendered:
             "electrons_quantiles_e": _quantiles(electrons),
             "electrons_error_of": self._error_of(frames.camera),
             "config": config,
-            "view": {
-                "key": self.task.light_key,
-                "scene": self.task.scene,
-                "config": self.task.config,
-            },
+            "view": self._view,
             "light": self.light_facts,
             "versions": {**versions(), **made_by()},
         }
         return files
 
     def _exposure_of(self, config: Config) -> Exposure | Metering:
-        """The exposure that a sample asks for, without its stops: else the scene file's, else metered."""
+        """Return the exposure of a sample without its stops: as given, else the scene file's, else metered."""
         time_s, kelvin = config["exposure"]["time_s"], config["exposure"]["temperature_k"]
         settings = self._parsed.settings
         if time_s is None:
-            asked = settings.exposure
-            return asked if kelvin is None else replace(asked, temperature_k=kelvin)
+            own = settings.exposure
+            return own if kelvin is None else replace(own, temperature_k=kelvin)
         metering = settings.metering(kelvin)
         return metering if time_s == "auto" else Exposure(time_s, metering.temperature_k)
 
     def _camera_of(self, config: Config) -> Camera:
-        """The camera of a sample; samples that have the same share its table."""
+        """Return the camera of a sample; samples with the same camera share its table."""
         key = canonical(config["camera"]), config["gain"]
         if key not in self._cameras:
             if len(self._cameras) >= CAMERAS_KEPT:
@@ -250,16 +243,16 @@ class Rendered:
         return self._cameras[key]
 
     def _error_of(self, camera: Camera) -> str:
-        """The camera whose photoelectrons the standard error of the render is of."""
-        known = self.light.rendered_for
-        rendered_for = known.camera if known else None
+        """Return which camera's photoelectrons the standard error of the render is for."""
+        rendered_for = self.light.rendered_for
         efficiency = camera.quantum_efficiency
-        is_other = rendered_for is not None and rendered_for.quantum_efficiency != efficiency
-        return "a detector that is flat over the band" if is_other else "this camera"
+        if rendered_for and rendered_for.camera.quantum_efficiency != efficiency:
+            return "a detector that is flat over the band"
+        return "this camera"
 
 
 def _files_of_output(folder: Path, output: str, frames: Frames, electrons: np.ndarray) -> Files:
-    """The files of one output of a sample, by name; DNGs and read-outs are written into the folder."""
+    """Return the files of one output of a sample, by name; DNGs and readouts are written into the folder."""
     if output == "raw":
         return {"frame.tiff": tiff.tiff_bytes(frames.digital, image_facts(frames))}
     if output == "readouts" and has_several_readouts(frames.camera):
@@ -286,16 +279,12 @@ def _files_of_output(folder: Path, output: str, frames: Frames, electrons: np.nd
 
 
 def budget(frames: Frames) -> Facts:
-    """The noise budget, source by source [DN]; of several read-outs that of each by its name."""
+    """Return the noise budget, source by source [DN]; with several readouts, the budget of each by its name."""
     if frames.camera.readouts:
-        return {"readouts": {name: budget(one) for name, one in frames.readouts.items()}}
+        return {"readouts": {name: budget(x) for name, x in frames.readouts.items()}}
     names = "source", "mean_dn", "rms_dn", "temporal_dn2", "spatial_dn2"
-    return {
-        "sources": [
-            {name: getattr(one, name) for name in names}
-            for one in frames.noise_budget().entries
-        ]
-    }
+    entries = frames.noise_budget().entries
+    return {"sources": [{name: getattr(x, name) for name in names} for x in entries]}
 
 
 def _quantiles(values: np.ndarray) -> list[float]:
@@ -303,12 +292,12 @@ def _quantiles(values: np.ndarray) -> list[float]:
 
 
 def camera_of(config: Config) -> Camera:
-    """The camera of a sample at its gain: as a dataset names it, whatever fields the scene sets."""
+    """Return the camera of a sample at its gain: as the dataset names it, whatever fields the scene sets."""
     return camera_from(config["camera"], "of the sample").at_gain(config["gain"])
 
 
 def scene_options(task: Task) -> RenderOptions:
-    """The options of the render."""
+    """Return the options of the render."""
     config = task.config
     of_scene = {name: config.get(name) for name in OF_SCENE}
     if "start_s" in config:
@@ -319,23 +308,21 @@ def scene_options(task: Task) -> RenderOptions:
 
 
 def parsed_scene(task: Task, options: RenderOptions) -> ParsedScene:
-    """The scene of a task, for whose camera the variant is set. Raises InputError."""
+    """Parse the scene of a task, and set the variant for its camera. Raises InputError."""
     use(fastest_variant("llvm"))  # whatever is set: CUDA adds in any order
     return parse(task.scene_file, options).in_variant_for(camera_of(task.lead))
 
 
 def is_timed(task: Task) -> bool:
-    """Whether the exposure time decides the light: where something moves, or a noise ratio is asked for."""
+    """Return True if the exposure time decides the light: something moves, or a noise ratio is requested."""
     return "motion" in task.config or bool(task.config["render"]["noise_ratio"])
 
 
 def _flat_camera(camera: Camera) -> Camera:
-    """One that detects every photon of the band: light rendered for it is for all cameras of the band."""
+    """Return a camera that detects every photon of the band: its light is for all cameras of the band."""
     low, high = camera.band_nm
     flat = {"curves": {"mono": [1.0, 1.0]}, "wavelengths_nm": [low, high], "tile": None}
-    return camera.replace(
-        **{f"quantum_efficiency.{name}": value for name, value in flat.items()}
-    )
+    return camera.replace(**{f"quantum_efficiency.{x}": value for x, value in flat.items()})
 
 
 def _longer(exposure: Exposure, stops: float) -> Exposure:

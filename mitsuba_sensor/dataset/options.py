@@ -7,19 +7,17 @@ from ..core import InputError
 from ..core.options import Option
 
 ENGINE = "Engine"
+SHARDS_MAX = 10**6
 
 
 def checked_shard(name: str, value: object) -> tuple[int, int]:
-    """(i, n) of "i/n" or of a pair. Raises InputError."""
-    pair = value if isinstance(value, tuple) else str(value).split("/")
-    parts = [str(one) for one in pair]
-    if (
-        len(parts) != 2
-        or not all(one.isdecimal() for one in parts)
-        or not 1 <= int(parts[0]) <= int(parts[1]) <= 10**6
-    ):
-        raise InputError(f"{name} is {value!r}; give i/n with i from 1 to n, e.g. 1/4.")
-    return int(parts[0]), int(parts[1])
+    """Return (i, n) from the text "i/n" or a pair. Raises InputError."""
+    parts = [*map(str, value)] if isinstance(value, tuple) else str(value).split("/")
+    if len(parts) == 2 and all(map(str.isdecimal, parts)):
+        part, parts_in_all = map(int, parts)
+        if 1 <= part <= parts_in_all <= SHARDS_MAX:
+            return part, parts_in_all
+    raise InputError(f"{name} is {value!r}; give i/n with i from 1 to n, e.g. 1/4.")
 
 
 class RootOptions(TypedDict, total=False):
@@ -28,7 +26,7 @@ class RootOptions(TypedDict, total=False):
     roots: Annotated[
         list[str] | None,
         Option(
-            "Folder in which scenes, cameras and motions are looked for, beside that of the dataset file. Repeatable. "
+            "Folder with scenes, cameras and motions, searched after the folder of the dataset file. Repeatable. "
             "Default: the current folder.",
             flag="--root",
             metavar="DIR",
@@ -39,8 +37,8 @@ class RootOptions(TypedDict, total=False):
     untrusted: Annotated[
         bool,
         Option(
-            "Read files below these folders and that of the dataset file only, whatever the file and its scenes name: "
-            "for those that somebody else has written.",
+            "Read only files in these folders and in the folder of the dataset file, whatever the file and its scenes "
+            "name: for datasets that somebody else wrote.",
             False,
             panel="Scene",
         ),
@@ -53,8 +51,8 @@ class RunOptions(TypedDict, total=False):
     workers: Annotated[
         int | None,
         Option(
-            "Processes of this machine; 0 is this process alone, which dies with a scene that ends its renderer. "
-            "Default: 2 where there are two cores.",
+            "Processes on this machine. 0 uses this process only, which dies with a scene that ends its renderer. "
+            "Default: 2 if there are two cores.",
             low=0,
             high=1024,
             example="2",
@@ -78,15 +76,15 @@ class RunOptions(TypedDict, total=False):
         ),
     ]
     tls_cert: Annotated[
-        str | None, Option("Certificate that is shown to it.", metavar="FILE", panel=ENGINE)
+        str | None, Option("Certificate for this scheduler.", metavar="FILE", panel=ENGINE)
     ]
     tls_key: Annotated[
-        str | None, Option("Private key of that certificate.", metavar="FILE", panel=ENGINE)
+        str | None, Option("Private key of the certificate.", metavar="FILE", panel=ENGINE)
     ]
     shard: Annotated[
         tuple[int, int] | None,
         Option(
-            "Make the i-th of n equal parts only: n machines then need no scheduler.",
+            "Make only the i-th of n equal parts, so n machines need no scheduler.",
             check=checked_shard,
             metavar="i/n",
             panel=ENGINE,
@@ -96,7 +94,7 @@ class RunOptions(TypedDict, total=False):
     timeout_s: Annotated[
         float | None,
         Option(
-            "End a process that takes longer for a light and its samples, in seconds. Default: never.",
+            "End a process that takes longer for a light and its samples [s]. Default: never.",
             low=0.001,
             high=1e9,
             example="600",
@@ -106,13 +104,11 @@ class RunOptions(TypedDict, total=False):
     memory_gb: Annotated[
         float | None,
         Option(
-            "End a process that takes more memory, in GB; 0.3 are taken before the first render. Default: no limit.",
+            "End a process that needs more memory [GB]; 0.3 GB are in use before the first render. Default: no limit.",
             low=0.5,
             high=1e6,
             example="4",
             panel=ENGINE,
         ),
     ]
-    retry: Annotated[
-        bool, Option("Also try again what could not be made.", False, panel=ENGINE)
-    ]
+    retry: Annotated[bool, Option("Try failed lights again.", False, panel=ENGINE)]

@@ -1,7 +1,7 @@
-"""The plan of a dataset file: its tasks in the order of the file, each one light and the samples exposed to it.
+"""The plan of a dataset file: tasks in the order of the file, each one light and the samples exposed to it.
 
-Tasks are yielded one after another, and nothing is kept of them. The key of a sample is the hash of everything that
-decides its pixels. The key of a task is the hash of its light and of its samples.
+Tasks are yielded one after another and not kept. The key of a sample is the hash of everything that decides its pixels.
+The key of a task is the hash of its light and of its samples.
 """
 
 from __future__ import annotations
@@ -21,21 +21,23 @@ from .cameras import Cameras, Folders, is_staggered
 from .file import DatasetFile, read_dataset_text, text_of_dataset
 from .keys import Config, Facts, Fixed, canonical, key_of, key_of_text, made_by
 from .light import FORMAT, Lights, exposure_asked
-from .splits import AS_DRAWN, SplitOf
+from .splits import DRAWN_SERIAL, SplitOf
 from .store import Record
-from .sweep import SENSOR, Combination, Light, SceneSweep, of_kind, whole_values
+from .sweep import SENSOR, Combination, Light, SceneSweep, most_frames, of_kind
 
-OF_VIEW = ("aovs", "irradiance")  # outputs that samples of one light share
-SHARD_BYTES, FEWEST, MOST = 3e8, 16, 1000
-"""Of a shard, about; and how many samples of a light one task has: each task renders it again."""
-BYTES_OF_PIXEL = {"raw": 2, "dng": 2, "companded": 2, "readouts": 6, "electrons": 8}
-"""Of outputs that are not float32; those of a frame for each frame."""
+VIEW_OUTPUTS = ("aovs", "irradiance")  # shared by the samples of one light
+SHARD_BYTES = 3e8
+"""Approximate size of a shard."""
+TASK_SAMPLES_MIN, TASK_SAMPLES_MAX = 16, 1000
+"""Samples of a light in one task: each task renders the light again."""
+PIXEL_BYTES = {"raw": 2, "dng": 2, "companded": 2, "readouts": 6, "electrons": 8}
+"""Bytes per pixel of outputs that are not float32, for each frame."""
 Pair = tuple[int, int]
 """Number of a row, number of a camera."""
 
 
 class Place(NamedTuple):
-    """Where the tasks of a light are in a plan: numbers of scene and light, and of its first sample and task."""
+    """The tasks of a light in a plan: numbers of scene and light, and of its first sample and task."""
 
     scene: int
     light: int
@@ -44,7 +46,7 @@ class Place(NamedTuple):
 
 
 class Shared(NamedTuple):
-    """Rows and cameras that share each light of a scene.  lead, exposure : for which it is rendered."""
+    """Rows and cameras that share each light of a scene.  lead, exposure : the light is rendered for these."""
 
     pairs: list[Pair]
     lead: Pair
@@ -55,7 +57,8 @@ class PlannedSample(NamedTuple):
     """One sample.
 
     number : of the sample in the order of the file.  key : hash of its configuration.  pixels : hash of everything that
-    decides its pixels, whatever files it has.  config : what decides them.  values : what varies, for people.
+    decides its pixels, whatever its files.  config : what decides them.  values : what varies, for people.
+    entry : numbers of its row, camera, exposure and serial number in the plan.
     """
 
     number: int
@@ -64,16 +67,17 @@ class PlannedSample(NamedTuple):
     config: Config
     values: Config
     split: str
+    entry: tuple[int, int, int, int]
 
 
 @dataclass(frozen=True)
 class Task:
-    """One light and samples that are exposed to it, in the order of their keys.
+    """One light and the samples exposed to it, in the order of their keys.
 
-    light_key : hash of what decides the light, config, and of the outputs that its samples share.
-    place : of its light in the plan.  number : of the task in the plan.
-    scene_file : where the scene is on this machine.  lead : camera, gain, exposure and outputs of the sample for which
-    the light is rendered: the same for all tasks of the light, in whatever order the file has its values.
+    light_key : hash of config, which decides the light, and of the outputs that its samples share.
+    place : of its light in the plan.  number : of the task in the plan.  scene_file : path on this machine.
+    lead : camera, gain, exposure and outputs of the sample for which the light is rendered: the same for all tasks of
+    the light, whatever the order of values in the file.
     """
 
     key: str
@@ -90,9 +94,9 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class DatasetPlan:
-    """All tasks of a dataset file.  Raises InputError.
+    """All tasks of a dataset file. Raises InputError.
 
-    text : of the file, as it was written.  made_by : versions of what its pixels depend on.
+    text : of the file, unchanged.  made_by : versions of the libraries that decide its pixels.
     """
 
     file: DatasetFile
@@ -102,7 +106,7 @@ class DatasetPlan:
 
     @cached_property
     def lights(self) -> Lights:
-        """What the scenes of the file are rendered from."""
+        """The light of each sample."""
         return Lights(self.file, self.folders)
 
     @cached_property
@@ -113,16 +117,16 @@ class DatasetPlan:
     @cached_property
     def sweeps(self) -> list[SceneSweep]:
         """What varies in each scene."""
-        later = any(map(is_staggered, self.cameras.as_given))
-        later |= any(name.startswith("camera.readouts") for name in self.file.varied)
+        staggered = any(map(is_staggered, self.cameras.as_given))
+        staggered |= any(name.startswith("camera.readouts") for name in self.file.varied)
         return [
-            SceneSweep(self.file, scene, later, self.lights.sensors(scene))
+            SceneSweep(self.file, scene, staggered, self.lights.sensors(scene))
             for scene in range(len(self.file.scenes))
         ]
 
     @cached_property
     def splits(self) -> SplitOf:
-        """Which split a scene belongs to."""
+        """The split of each scene and sensor unit."""
         return SplitOf(self.file, self.cameras.models, self.sweeps)
 
     @cached_property
@@ -130,12 +134,21 @@ class DatasetPlan:
         """All rows with all cameras."""
         return [*product(range(len(self.file.list) or 1), range(len(self.file.cameras)))]
 
+    @property
+    def combinations(self) -> int:
+        """Number of samples if no split left any out."""
+        units = len(self.file.grid.get("serial", ())) or 1
+        if self.file.splits and "serial" not in self.file.varied:
+            units = self.file.splits.chips or 1
+        of_scenes = (x.lights // x.groups * x.draws * x.cells_of_exposure for x in self.sweeps)
+        return sum(of_scenes) * len(self.pairs) * units
+
     def record(self, samples: int) -> Record:
-        """What a dataset of this plan says that it is made from.  samples : that it has."""
+        """Return the record of a dataset of this plan.  samples : in the whole dataset."""
         return Record(made_by=dict(self.made_by), samples=samples, text=self.text)
 
     def tasks(self) -> Iterator[Task]:
-        """All tasks, in the order of the file."""
+        """Yield all tasks, in the order of the file."""
         sample = number = 0
         for scene, sweep in enumerate(self.sweeps):
             for light in range(sweep.lights):
@@ -144,60 +157,60 @@ class DatasetPlan:
                     sample, number = sample + len(task.samples), number + 1
 
     def tasks_at(self, place: Place) -> Iterator[Task]:
-        """The tasks of a light; of several that rows or cameras need, of each."""
+        """Yield the tasks of a light; if rows or cameras need several lights, the tasks of each."""
         sweep, numbers, task = self.sweeps[place.scene], count(place.sample), place.task
         light = sweep.light(place.light)
         for shared in self._shared[place.scene]:
             lead = sweep.combination(light, *shared.lead, shared.exposure)
             config = self._light_of(lead)
             light_key = key_of(config)
-            samples = self._samples(sweep, light, shared.pairs, light_key, numbers)
-            while some := [*islice(samples, self._samples_of_task)]:
-                yield self._task(lead, config, light_key, some, place, task)
+            left = self._samples(sweep, light, shared.pairs, light_key, numbers)
+            while samples := [*islice(left, self._samples_of_task)]:
+                yield self._task(lead, config, light_key, samples, place, task)
                 task += 1
 
     @cached_property
     def _shared(self) -> list[list[Shared]]:
-        """Rows and cameras by the light that they share, which is so for each light of a scene as for the first one.
+        """Rows and cameras by the light that they share: in every light of a scene as in the first one.
 
-        A light is rendered for the sample of its first draw with the shortest exposure; of equal ones that whose values
-        and camera come first in the alphabet, whatever the order of the file.
+        A light is rendered for the sample of its first draw with the shortest exposure. Among equal exposures the first
+        values and camera in the alphabet count, whatever the order of the file.
         """
-        found = []
+        shared = []
         for sweep in self.sweeps:
             light, groups = sweep.light(0), dict[str, list[Pair]]()
             for pair in self.pairs:
-                one = sweep.combination(light, *pair, 0)
-                groups.setdefault(key_of(self._light_of(one)), []).append(pair)
+                key = key_of(self._light_of(sweep.combination(light, *pair, 0)))
+                groups.setdefault(key, []).append(pair)
 
             def order(choice: tuple[Pair, int]) -> tuple[float, str, str]:
-                one = sweep.combination(light, *choice[0], choice[1])  # noqa: B023, called in this turn
-                time_s = one.values.get("exposure_s")
+                sample = sweep.combination(light, *choice[0], choice[1])  # noqa: B023, called in this turn
+                time_s = sample.values.get("exposure_s")
                 seconds = time_s if isinstance(time_s, int | float) else math.inf
-                return seconds, canonical(one.values), self.cameras.name(one.camera)
+                return seconds, canonical(sample.values), self.cameras.name(sample.camera)
 
             exposures = range(sweep.cells_of_exposure)
-            found.append(
+            shared.append(
                 [Shared(x, *min(product(x, exposures), key=order)) for x in groups.values()]
             )
-        return found
+        return shared
 
     @cached_property
     def _samples_of_task(self) -> int:
-        """Samples whose files are about as large as a shard should be. Of the dataset file alone, as keys depend on
-        it: a scene with a film of its own size may have larger or smaller ones."""
+        """Number of samples whose files fill a shard. Keys depend on it, so it follows from the dataset file alone: a
+        scene with its own film size may have larger or smaller files."""
         sensors = [camera.sensor for camera in self.cameras.as_given]
         columns, rows = (max(getattr(x, name) for x in sensors) for name in ("columns", "rows"))
         share = min(self.file.render.get("width", columns) / columns, 1.0)
-        frames = max([1, *whole_values(self.file, "frames")])
-        pixel = sum(BYTES_OF_PIXEL.get(name, 4) for name in self.file.outputs)
-        pixel += 2 * (frames - 1)
+        pixel = sum(PIXEL_BYTES.get(name, 4) for name in self.file.outputs)
+        pixel += 2 * (most_frames(self.file) - 1)
         size = rows * columns * share**2 * pixel
-        return int(min(max(SHARD_BYTES / size, FEWEST), MOST))
+        return int(min(max(SHARD_BYTES / size, TASK_SAMPLES_MIN), TASK_SAMPLES_MAX))
 
-    def _light_of(self, one: Combination) -> Facts:
-        """What decides the light of a sample."""
-        return self.lights.described(one, self.cameras.of(one), exposure_asked(one.values))
+    def _light_of(self, sample: Combination) -> Facts:
+        """Return what decides the light of a sample."""
+        exposure = exposure_asked(sample.values)
+        return self.lights.described(sample, self.cameras.of(sample), exposure)
 
     def _samples(
         self,
@@ -207,13 +220,13 @@ class DatasetPlan:
         light_key: str,
         numbers: Iterator[int],
     ) -> Iterator[PlannedSample]:
-        """The samples of a light."""
-        split, scene = self.splits.of(sweep, light, pairs[0][0]), sweep.entry.name
+        """Yield the samples of a light."""
+        split = self.splits.of(sweep, light, pairs[0][0])
         for row, entry in pairs:
             serials = self.splits.serials(split, sweep.rows[row], entry)
             for exposure in range(sweep.exposures(light) if serials else 0):
-                one = sweep.combination(light, row, entry, exposure)
-                camera, values = self.cameras.of(one), one.values
+                sample = sweep.combination(light, row, entry, exposure)
+                camera, values = self.cameras.of(sample), sample.values
                 config = {
                     "format": FORMAT,
                     "view": light_key,
@@ -222,50 +235,52 @@ class DatasetPlan:
                     "exposure": exposure_asked(values),
                     "frames": values.get("frames", 1),
                     "repetition": values.get("repetition", 0),
-                    "draw": one.draw,
+                    "draw": sample.draw,
                     "dataset_seed": self.file.seed,
                 }
                 if lights := of_kind("lights", values):
                     config["lights"] = lights
-                said = {"scene": scene, "camera": self.cameras.name(entry), **values}
+                shown = {
+                    "scene": sweep.entry.name,
+                    "camera": self.cameras.name(entry),
+                    **values,
+                }
                 of_pose: Facts = {}
-                if one.pose is not None:
-                    of_pose = {
-                        "view": one.view,
-                        "time_s": one.pose.time_s,
-                        "pose": one.pose.pose,
-                    }
+                if sample.pose is not None:
+                    time_s, pose = sample.pose.time_s, sample.pose.pose
+                    of_pose = {"view": sample.view, "time_s": time_s, "pose": pose}
                     of_pose = {name: x for name, x in of_pose.items() if x is not None}
                 text = canonical({**config, "camera": camera.key, "serial": None})
                 before, after = text.split('"serial":null')
-                for serial in serials:
-                    serial = values["serial"] if serial == AS_DRAWN else serial
+                for number, serial in enumerate(serials):
+                    serial = values["serial"] if serial == DRAWN_SERIAL else serial
                     chip = serial
                     if SENSOR in values:
-                        chip = self.lights.rig(one).chip(serial, values[SENSOR])
+                        chip = self.lights.rig(sample).chip(serial, values[SENSOR])
                     pixels = key_of_text(f'{before}"serial":{chip}{after}')
-                    key = key_of_text(self._before_pixels + pixels + '"}')
-                    whole = {**config, "serial": chip, "outputs": self._outputs}
-                    told = {**said, "serial": serial, **of_pose}
-                    yield PlannedSample(next(numbers), key, pixels, whole, told, split)
+                    yield PlannedSample(
+                        next(numbers),
+                        self._key("sample", self._outputs, pixels),
+                        pixels,
+                        {**config, "serial": chip, "outputs": self._outputs},
+                        {**shown, "serial": serial, **of_pose},
+                        split,
+                        (row, entry, exposure, number),
+                    )
 
     @cached_property
     def _outputs(self) -> list[str]:
-        """Outputs that each sample has."""
-        return [name for name in self.file.outputs if name not in OF_VIEW]
+        """Outputs of each sample."""
+        return [name for name in self.file.outputs if name not in VIEW_OUTPUTS]
 
     @cached_property
-    def _before_pixels(self) -> str:
-        """The text of which a sample's key is the hash, up to the key of its pixels, which is the last in it."""
-        text = canonical({"made_by": self.made_by, "outputs": self._outputs, "sample": ""})
-        return text.removesuffix('"}')
+    def _view_outputs(self) -> tuple[str, ...]:
+        """Outputs that the samples of a light share."""
+        return tuple(name for name in VIEW_OUTPUTS if name in self.file.outputs)
 
-    @cached_property
-    def _before_view(self) -> str:
-        """The same of the key of a light and of the outputs that its samples share."""
-        outputs = [name for name in OF_VIEW if name in self.file.outputs]
-        text = canonical({"made_by": self.made_by, "outputs": outputs, "view": ""})
-        return text.removesuffix('"}')
+    def _key(self, name: str, outputs: Sequence[str], key: str) -> str:
+        """Return the key of a sample or view with its outputs.  key : of what decides it."""
+        return key_of({"made_by": self.made_by, "outputs": outputs, name: key})
 
     def _task(
         self,
@@ -276,32 +291,39 @@ class DatasetPlan:
         place: Place,
         number: int,
     ) -> Task:
-        outputs = tuple(name for name in OF_VIEW if name in self.file.outputs)
-        own = key_of_text(self._before_view + light_key + '"}')
         camera = self.cameras.of(lead)
         asked = {"gain": camera.gain, "exposure": exposure_asked(lead.values)}
         ordered = tuple(sorted(samples, key=lambda sample: sample.key))
+        view_key = self._key("view", self._view_outputs, light_key)
         rows = [[sample.key, sample.split, sample.values] for sample in ordered]
-        key = key_of_text(json.dumps([own, camera.key, asked, rows], sort_keys=True))
-        scene, file = self.file.scenes[lead.scene].name, str(self.lights.places[lead.scene])
-        whole = {**asked, "camera": camera.datasheet, "outputs": self._outputs}
-        return Task(key, own, config, outputs, scene, file, whole, ordered, place, number)
+        return Task(
+            key_of_text(json.dumps([view_key, camera.key, asked, rows], sort_keys=True)),
+            view_key,
+            config,
+            self._view_outputs,
+            self.file.scenes[lead.scene].name,
+            str(self.lights.places[lead.scene]),
+            {**asked, "camera": camera.datasheet, "outputs": self._outputs},
+            ordered,
+            place,
+            number,
+        )
 
 
 def load_plan(
     path: str | Path, roots: Sequence[str | Path] = (), untrusted: bool = False
 ) -> DatasetPlan:
-    """The plan of a dataset file. Raises InputError.
+    """Return the plan of a dataset file. Raises InputError.
 
-    roots : folders in which its files are looked for, beside its own.  untrusted : read no other ones, whatever it and
-    its scenes name, because somebody else has written them.
+    roots : folders with its files, searched after its own folder.  untrusted : read no other files, whatever the file
+        and its scenes name, because somebody else wrote them.
     """
-    text, folders = text_of_dataset(Path(path)), [Path(path).parent, *roots]
+    text, folders = text_of_dataset(path), [Path(path).parent, *roots]
     for root in folders:
         refuse_empty(root, "--root", "give the name of a folder")
         if not Path(root).is_dir():
             raise InputError(
-                f"--root {root} is no folder; give one that holds scenes or cameras."
+                f"--root {root} is not a folder; give a folder that holds scenes or cameras."
             )
     file = read_dataset_text(text, f"dataset file {str(path)!r}")
     plan = DatasetPlan(file, Folders([*map(Path, folders)], untrusted), text)

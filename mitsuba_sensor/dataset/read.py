@@ -1,4 +1,4 @@
-"""Reads a dataset: its samples in order, their arrays, all that is known of them, and batches for training."""
+"""Reads a dataset: its samples in order, their arrays, and everything known of them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from .keys import Config, Facts
 from .sample_facts import SampleFacts
 from .store import Row, Store
 from .table import Table
-from .values import PICTURE, stops_taken
+from .values import PICTURE, preview_gain
 
 if TYPE_CHECKING:
     from ..camera.camera import Camera
@@ -47,17 +47,18 @@ IMAGES = {
     "electrons_error": "electrons_error.tiff",
 }
 """Array → its file."""
-PAGES = ("raw", "companded")
+PAGED = ("raw", "companded")
 """Images with a page for every frame."""
 AOVS_FILE, FACTS, BUDGET = "aovs.exr", "sample.json", "noise_budget.json"
 AOVS = ("depth_m", "position_m", "normal", "albedo", "shape_index", "flow_px")
 SHORT_NAMES = {"depth": "depth_m", "position": "position_m", "flow": "flow_px"}
-SAMPLES_KEPT = 4
-"""Contents of samples and lights that are kept, those read last."""
-KEY_DIGITS_MIN = 4
+CONTENTS_KEPT = 4
+"""Contents of samples and lights that are kept in memory, the latest ones."""
+KEY_DIGITS_MIN, REPR_SETTINGS_MAX = 4, 150
+RUN_AGAIN = "run the dataset again"
 
 
-@lru_cache(SAMPLES_KEPT)
+@lru_cache(CONTENTS_KEPT)
 def _members(store: Store, shard: str, offset: int, size: int) -> Mapping[str, bytes]:
     return store.members(shard, offset, size) if size else {}
 
@@ -74,19 +75,21 @@ class Sample:
 
     def __repr__(self) -> str:
         """``<Sample 0f3a…: flat, sony_imx174, exposure_s 0.01, serial 3; train>``."""
-        parts = [
-            f"{x} {value}" for x, value in self.values.items() if x not in ("pose", "scene")
-        ]
+        names = (x for x in self.values if x not in ("pose", "scene"))
+        parts = [str(self.values.get("scene")), *(f"{x} {self.values[x]}" for x in names)]
         split = f"; {self.split}" if self.split else ""
-        return f"<Sample {self.key[:8]}: {', '.join([str(self.values.get('scene')), *parts])[:150]}{split}>"
+        return f"<Sample {self.key[:8]}: {', '.join(parts)[:REPR_SETTINGS_MAX]}{split}>"
 
     def _repr_html_(self) -> str:
-        rows = {"split": self.split, **self.values, "files": ", ".join(self.files)}
-        pictures = []
-        if png := self.files.get(PICTURE):
-            columns = read_png(io.BytesIO(png), PICTURE).shape[1]
-            pictures.append(picture(png, columns, f"picture of sample {self.key[:8]}"))
-        return fragment(f"Sample {self.key[:8]}", *pictures, facts(rows))
+        rows, title = (
+            {"split": self.split, **self.values, "files": ", ".join(self.files)},
+            f"Sample {self.key[:8]}",
+        )
+        if PICTURE not in self.files:
+            return fragment(title, facts(rows))
+        png = self.files[PICTURE]
+        columns = read_png(io.BytesIO(png), PICTURE).shape[1]
+        return fragment(title, picture(png, columns, f"picture of {title}"), facts(rows))
 
     @property
     def key(self) -> str:
@@ -110,7 +113,7 @@ class Sample:
 
     @property
     def files(self) -> Mapping[str, bytes]:
-        """Name → bytes of each of its files. Raises InputError for a shard that cannot be read."""
+        """Name → bytes of each of its files. Raises InputError for an unreadable shard."""
         return _members(self.store, self.line.shard, self.line.offset, self.line.bytes)
 
     @property
@@ -121,28 +124,26 @@ class Sample:
         )
 
     def has(self, name: str) -> bool:
-        """Return True if it, or its light, has a file of this name."""
+        """Return True if the sample or its light has a file of this name."""
         return name in self.files or name in self.view_files
 
     def content(self, name: str, output: str = "") -> bytes:
-        """The bytes of a file of the sample or of its light.  output : for the message, what needs the file.
+        """Return the bytes of a file of the sample or of its light. Raises InputError for a missing file.
 
-        Raises InputError where there is none.
+        output : of the dataset that writes the file, if there is any.
         """
         for files in (self.files, self.view_files):
             if name in files:
                 return files[name]
-        raise InputError(
-            f"there is no {self.place(name)}; name what {output or name} needs in the outputs of the dataset, and "
-            "make it again."
-        )
+        remedy = f"add {output!r} to the outputs of the dataset, and make it again"
+        raise InputError(f"there is no {self.place(name)}; {remedy if output else RUN_AGAIN}.")
 
     def opened(self, name: str) -> AbstractContextManager[Path]:
-        """The path of a copy of a file, for ``with``. Raises InputError."""
+        """Return the path of a copy of a file, for ``with``. Raises InputError."""
         return temporary_copy(name, self.content(name), self.place(name))
 
     def place(self, name: str) -> str:
-        """Where a file is, for messages."""
+        """Return where a file is, for messages."""
         return f"{self.store.shards / self.line.shard} ({self.key}): {name}"
 
     @property
@@ -152,18 +153,18 @@ class Sample:
 
     @cached_property
     def view(self) -> Facts:
-        """view.json: what the files of the light were made of. Raises InputError where it has none."""
-        return self._json("view.json")
+        """view.json: origin of the files of the light. Raises InputError for a missing file."""
+        return self._json("view.json", "aovs")
 
     @cached_property
     def noise_budget(self) -> Facts:
-        """noise_budget.json: what each noise source contributes [DN]. Raises InputError where it has none."""
+        """noise_budget.json: the contribution of each noise source [DN]. Raises InputError for a missing file."""
         return self._json(BUDGET, "noise_budget")
 
     @cached_property
     def readouts(self) -> dict[str, NDArray[np.unsignedinteger]]:
-        """Frames of every readout by its name, (N, H, W) [DN], with their ``combined`` code and, of a camera that
-        compands, their ``companded`` one. Raises InputError where it has none."""
+        """Frames of every readout by its name, shape (N, H, W) [DN], with the ``combined`` and the ``companded`` code.
+        Raises InputError for a missing file."""
         self.content(READOUTS, "readouts")
         with self.opened(READOUTS) as path:
             return read_readouts(path)
@@ -175,83 +176,77 @@ class Sample:
         return camera_from(config["camera"], "of the sample").at_gain(config["gain"])
 
     def read(self, name: str) -> NDArray[Any]:
-        """An array of the sample. Raises InputError where it has none of this name.
+        """Return an array of the sample. Raises InputError for a missing array.
 
         name : ``raw``, ``companded`` (N, H, W) unsigned [DN]; ``clean`` (H, W) float32 [DN], the expectation of the raw
             frame of this sensor unit; ``variance`` (H, W) float32 [DN²], temporal; ``electrons``, ``electrons_error``
             (H, W) float32 [e-], mean photoelectrons and their standard error by the render; ``preview`` (H, W) or
-            (H, W, 3) uint8, of the file or developed from the raw frame; or an AOV, ``depth`` (H, W) [m] for example,
-            see docs/frames.md.
+            (H, W, 3) uint8, of the file or developed from the raw frame; or an AOV, e.g. ``depth`` (H, W) [m], see
+            docs/frames.md.
         """
         name = SHORT_NAMES.get(name, name)
         if name in AOVS:
-            return np.asarray(getattr(self.aovs(name), name))
+            return np.asarray(getattr(self.aovs(), name))
         if name == "preview":
             return self._preview()
         if name not in IMAGES:
-            known = (*IMAGES, "preview", *AOVS)
+            names = (*IMAGES, "preview", *AOVS)
             raise InputError(
-                f"a sample has no {name!r}; it can have {', '.join(known)}.{nearest(name, known)}"
+                f"a sample has no {name!r}; it can have {', '.join(names)}.{nearest(name, names)}"
             )
-        content = io.BytesIO(self.content(IMAGES[name], name))
-        pages = read_raw_tiff(content, self.place(IMAGES[name])).frames
-        return pages if name in PAGES else pages[0]
+        content = io.BytesIO(self.content(IMAGES[name], name.removesuffix("_error")))
+        frames = read_raw_tiff(content, self.place(IMAGES[name])).frames
+        return frames if name in PAGED else frames[0]
 
-    def aovs(self, name: str = "aovs") -> Aovs:
-        """All AOVs of its view.  name : what is needed of them. Raises InputError where it has none."""
+    def aovs(self) -> Aovs:
+        """Return all AOVs of its view. Raises InputError for a missing file."""
         place = f"{self.store.shards / self.line.shard}: {AOVS_FILE}"
-        return _aovs(self.content(AOVS_FILE, name), place)
+        return _aovs(self.content(AOVS_FILE, "aovs"), place)
 
     def _preview(self) -> NDArray[np.uint8]:
-        """As bright as without the stops that ``exposure_ev`` takes away; without a file white is that of daylight, as
-        nothing stored says what the light of the scene is."""
+        """Return the preview, as bright as without a negative ``exposure_ev``; without a file white is daylight, as no
+        stored file has the light of the scene."""
         if PICTURE in self.files:
             return read_png(io.BytesIO(self.files[PICTURE]), self.place(PICTURE))
-        self.content(IMAGES["raw"], "preview")
-        gain, origin = (
-            stops_taken(self.facts["config"]["exposure"]["ev"]),
-            self.facts["image"]["origin"],
-        )
-        return preview(self.read("raw")[0], self.camera, gain, tuple(origin))
+        gain = preview_gain(self.facts["config"]["exposure"]["ev"])
+        origin = tuple(self.facts["image"]["origin"])
+        return preview(self.read("raw")[0], self.camera, gain, origin)
 
     def _json(self, name: str, output: str = "") -> Facts:
-        return json_object(
-            self.content(name, output), str(self.place(name)), "run the dataset again"
-        )
+        return json_object(self.content(name, output), self.place(name), RUN_AGAIN)
 
 
-@lru_cache(SAMPLES_KEPT)
+@lru_cache(CONTENTS_KEPT)
 def _facts(content: bytes, place: str) -> Facts:
-    """Contents of a sample.json, which readers need; those read last are kept."""
-    found = json_object(content, place, "run the dataset again")
+    """Return the checked content of a sample.json."""
+    sample_facts = json_object(content, place, RUN_AGAIN)
     try:
-        SampleFacts.model_validate(found)
+        SampleFacts.model_validate(sample_facts)
     except ValidationError as error:
         fault = error.errors()[0]
         where = ".".join(map(str, fault["loc"]))
         raise InputError(
-            f"{place} is not as a run writes it: {where}: {fault['msg']}; run the dataset again."
+            f"{place} is not as a run writes it: {where}: {fault['msg']}; {RUN_AGAIN}."
         ) from None
-    return found
+    return sample_facts
 
 
 @lru_cache(1)
 def _aovs(content: bytes, place: str) -> Aovs:
-    """The AOVs of the light that was read last."""
     with temporary_copy(AOVS_FILE, content, place) as path:
         return read_aovs_exr(path)
 
 
 class Dataset(Sequence[Sample]):
-    """The samples of a dataset folder, in the order of its file, each read when it is asked for.
+    """The samples of a dataset folder, in the order of its file, each read on demand.
 
     ::
 
         for sample in ms.Dataset("pairs/", split="train"):
             noisy, clean = sample.read("raw")[0], sample.read("clean")
 
-    folder : as ``mitsuba-sensor dataset run`` made it.  split : only samples of this split.
-    Raises InputError where there is no dataset, or no such split.
+    folder : that ``mitsuba-sensor dataset run`` made.  split : only samples of this split.
+    Raises InputError without a dataset, or for an unknown split.
     """
 
     def __init__(self, folder: str | os.PathLike[str], split: str | None = None) -> None:
@@ -262,7 +257,7 @@ class Dataset(Sequence[Sample]):
 
     @property
     def folder(self) -> Path:
-        """Of the dataset."""
+        """Folder of the dataset."""
         return self.store.folder
 
     def __len__(self) -> int:
@@ -276,7 +271,7 @@ class Dataset(Sequence[Sample]):
 
     def __getitem__(self, number: int | slice) -> Sample | list[Sample]:
         if isinstance(number, slice):
-            return [Sample(self.store, line) for line in self.table[number]]
+            return [self[place] for place in range(len(self))[number]]
         return Sample(self.store, self.table[number])
 
     def __iter__(self) -> Iterator[Sample]:
@@ -285,17 +280,14 @@ class Dataset(Sequence[Sample]):
     def __repr__(self) -> str:
         splits = sorted(self.table.counts("split").items())
         parts = ", ".join(f"{split} {number}" for split, number in splits if split)
-        return (
-            f"<Dataset: {len(self)} samples{f' ({parts})' if parts else ''} in {self.folder}>"
-        )
+        shown = f" ({parts})" if parts else ""
+        return f"<Dataset: {len(self)} samples{shown} in {self.folder}>"
 
     def _repr_html_(self) -> str:
-        counts = [
-            (split or "no split", number)
-            for split, number in self.table.counts("split").items()
-        ]
+        counts = self.table.counts("split").items()
+        rows = sorted((split or "no split", number) for split, number in counts)
         title = f"Dataset of {len(self)} samples in {self.folder}"
-        return fragment(title, HtmlTable(("split", "samples"), sorted(counts)))
+        return fragment(title, HtmlTable(("split", "samples"), rows))
 
     @property
     def splits(self) -> list[str]:
@@ -303,10 +295,11 @@ class Dataset(Sequence[Sample]):
         return sorted(self.table.counts("split"))
 
     def where(self, **values: object) -> Dataset:
-        """The samples that have all of these values, which may be none.
+        """Return the samples that have all of these values, perhaps none.
 
-        values : by the names of :attr:`Sample.values`, and split, as ``where(scene="still_life", view=3)``;
-            names with dots as ``where(**{"parameters.height": 0.5})``.
+        values : by the names of :attr:`Sample.values`, split, and the actual ``exposed_s``, ``system_gain_dn_per_e``
+            and ``black_level_dn``, as ``where(scene="still_life", view=3)``; names with dots as
+            ``where(**{"parameters.height": 0.5})``.
         Raises InputError for a name or a value that no sample has.
         """
         chosen = copy(self)
@@ -315,20 +308,18 @@ class Dataset(Sequence[Sample]):
         return chosen
 
     def place_of(self, called: str) -> int:
-        """The place of a sample.  called : its number from 0, or the beginning of its key.
+        """Return the place of a sample. Raises InputError for none or several.
 
-        Raises InputError where there is none, or several.
+        called : its number from 0, or the beginning of its key.
         """
         if called.isdecimal() and int(called) < len(self):
             return int(called)
-        places = list[int]()
-        if len(called) >= KEY_DIGITS_MIN:
-            places = self.table.places("key", called.lower())
+        places = self.table.places(called.lower()) if len(called) >= KEY_DIGITS_MIN else []
         if len(places) == 1:
             return places[0]
-        how = f"give a number from 0 to {len(self) - 1}, or a key"
+        remedy = f"give a number from 0 to {len(self) - 1}, or a key"
         if places:
             raise InputError(
-                f"{len(places)} samples have keys that begin with {called!r}; {how}."
+                f"{len(places)} samples have keys that start with {called!r}; {remedy}."
             )
-        raise InputError(f"no sample of {self.folder} is called {called!r}; {how}.")
+        raise InputError(f"no sample of {self.folder} is called {called!r}; {remedy}.")

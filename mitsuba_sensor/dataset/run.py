@@ -1,9 +1,8 @@
-"""Makes a dataset: finds out what is missing, has it made, and writes its table."""
+"""Makes a dataset: finds what is missing, has it made, and writes the table."""
 
 from __future__ import annotations
 
 import math
-import time
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -27,20 +26,17 @@ from .file import read_dataset_text
 from .keys import Facts
 from .options import RunOptions
 from .plan import DatasetPlan, Place, Task, load_plan
-from .store import Store
-from .table import Table, open_table
+from .store import EARLIER, Store
+from .table import Table
 
 FAILED = "failed.jsonl"
-MOST_FAILED_BYTES = 2**26
-TABLE_EVERY_S = 300.0
-"""Between two tables that are written while samples are made, and at least so many times what one takes:"""
-TABLE_SHARE = 20
+FAILED_BYTES_MAX = 2**26
 NEW_FOLDER = "give a new folder"
 
 
 class Failure(BaseModel):
-    """A line of FAILED: a task that could not be made.  first : values of its first sample.  log : what its process
-    printed last."""
+    """A line of FAILED: a task that could not be made.  first : values of its first sample.  log : last output of its
+    process."""
 
     task: str
     scene: str
@@ -50,17 +46,16 @@ class Failure(BaseModel):
     log: str = ""
 
     def line(self) -> bytes:
-        """As it stands in the file."""
+        """Return the line of the file."""
         return self.model_dump_json().encode() + b"\n"
 
 
 @dataclass
 class RunProgress:
-    """How far a run is.
+    """Progress of a run.
 
-    samples : of the dataset, or of this part of it.  there : complete before this run.  made : by it.
-    failed : tasks that could not be made.  remarks : sentences that the user must read.  render_noise : how large it is
-    in the frames, at the end.
+    samples : of the dataset, or of this part of it.  there : complete before this run.  made : by this run.
+    failed : tasks that could not be made.  remarks : sentences for the user.  render_noise : a sentence at the end.
     """
 
     samples: int
@@ -73,21 +68,21 @@ class RunProgress:
 
     @property
     def done(self) -> int:
-        """Samples that are complete."""
+        """Number of complete samples."""
         return self.there + self.made
 
     def standing(self, seconds: float) -> tuple[str, float]:
-        """What is done now, and the share of the samples that is complete; NaN where there is none.
+        """Return the current step and the fraction of complete samples; NaN without samples.
 
-        seconds : since this run began.
+        seconds : since the start of this run.
         """
         speed = f"{self.made / seconds:.2g} samples/s, " if self.made and seconds else ""
-        failed = f", {len(self.failed)} lights failed" if self.failed else ""
+        failed = f", {len(self.failed)} failed" if self.failed else ""
         share = self.done / self.samples if self.samples else math.nan
         return f"{speed}{self.now}{failed}", share
 
     def counted(self) -> str:
-        """How many samples are complete."""
+        """Return the number of complete samples as text."""
         return f"{self.done} of {self.samples} samples" if self.samples else "counting samples"
 
 
@@ -96,22 +91,21 @@ Show: TypeAlias = Callable[[RunProgress], object]
 
 @contextmanager
 def shown_run(progress: Show | bool | None) -> Iterator[Show]:
-    """What a run reports to: the given function, nothing for False, and for None a line every ten seconds."""
+    """Yield the function that a run reports to: as given, nothing for False, a line every ten seconds for None."""
     if callable(progress):
         yield progress
-        return
-    if not is_asked(progress):
-        yield lambda found: None
-        return
-    with automatic_progress("dataset run", "starting") as teller:
+    elif not is_asked(progress):
+        yield lambda progress: None
+    else:
+        with automatic_progress("dataset run", "starting") as teller:
 
-        def tell(found: RunProgress) -> None:
-            if teller is not None:
-                doing, share = found.standing(teller.seconds)
-                teller.tell(f"{found.counted()}, {doing}", share)
-                teller.tick()
+            def tell(now: RunProgress) -> None:
+                if teller is not None:
+                    doing, share = now.standing(teller.seconds)
+                    teller.tell(f"{now.counted()}, {doing}", share)
+                    teller.tick()
 
-        yield tell
+            yield tell
 
 
 @documents(RunOptions)
@@ -123,14 +117,14 @@ def make_dataset(
     progress: Show | bool | None = None,
     **options: Unpack[RunOptions],
 ) -> RunProgress:
-    """Make everything of the dataset of a TOML file that is missing in the folder ``out``.
+    """Make every missing sample of the dataset of a TOML file in the folder ``out``.
 
     ::
 
         made = make_dataset("pairs.toml", "out/pairs")
         print(made.made, made.render_noise)
 
-    roots : folders in which scenes and cameras are looked for, too.  progress : see :func:`run`.
+    roots : further folders with scenes and cameras.  progress : see :func:`run`.
     Raises InputError, and DiskFull.
     """
     return run(load_plan(file, roots), out, progress=progress, **options)
@@ -145,11 +139,11 @@ def run(
     progress: Show | bool | None = None,
     **options: Unpack[RunOptions],
 ) -> RunProgress:
-    """Make everything of a dataset that is missing in ``out``.
+    """Make every missing sample of a dataset in ``out``.
 
-    progress : None says every ten seconds on stderr how far it is; False says nothing; a
-        function is called with a :class:`RunProgress` after every step.
-    Raises InputError; DiskFull where the disk takes no more: what is complete stays, and another run goes on.
+    progress : None reports every ten seconds on stderr; False reports nothing; a function is called with a
+        :class:`RunProgress` after every step.
+    Raises InputError; DiskFull if the disk is full: complete samples stay, and another run continues.
     """
     refuse_empty(out, "-o", "give the name of a folder, e.g. -o out")
     with shown_run(progress) as show:
@@ -163,9 +157,10 @@ class _Run:
         self.plan, self.store, self.chosen, self.show = plan, store, chosen, show
         self.progress = RunProgress(0)
         self.finished = store.finished()
-        self.samples_of = dict[str, int]()  # task that is there → how many
-        self._incomplete = array("Q")  # places of lights that miss a task, one after the other
-        self._table_s, self._table_took_s = time.monotonic(), 0.0
+        self.samples_of = dict[str, int]()  # finished task → number of its samples
+        self._incomplete = array(
+            "Q"
+        )  # places of lights with a missing task, one after the other
         remark_if_stopped(self._said_when_stopped)
 
     def make(self) -> RunProgress:
@@ -174,6 +169,7 @@ class _Run:
         check_same(plan, store)
         self.show(progress)
         counts = checked_counts(plan, self._count)
+        progress.remarks += counts.notes()
         if len(self.samples_of) < counts.tasks:
             require_folder(store.folder)
             progress.now = "checking the scenes"
@@ -189,23 +185,19 @@ class _Run:
         for outcome in outcomes(self._missing(failures), job, self.chosen):
             self._note(outcome)
             self.show(progress)
-            self._table_in_between()
         self._rewrite_failures()
         self._finish(counts.samples)
         return progress
 
     def _is_ours(self, task: Task) -> bool:
-        """Whether a task is of this part of the dataset."""
+        """Return True if a task is in this part of the dataset."""
         part, parts = self.chosen["shard"] or (1, 1)
         return task.number % parts == part - 1
 
     def _count(self, task: Task) -> None:
-        """Called with each task, before anything is made."""
-        is_there, is_ours, samples = (
-            task.key in self.finished,
-            self._is_ours(task),
-            len(task.samples),
-        )
+        """Count a task before anything is made."""
+        is_there, is_ours = task.key in self.finished, self._is_ours(task)
+        samples = len(task.samples)
         if is_there:
             self.samples_of[task.key] = samples
         elif is_ours and self._incomplete[-len(task.place) :].tolist() != [*task.place]:
@@ -214,8 +206,7 @@ class _Run:
         self.progress.there += is_ours * is_there * samples
 
     def _put_outdated_aside(self) -> None:
-        """Move the shards away that an earlier text of the dataset file has, and this one not. Raises InputError where
-        the text is the same."""
+        """Move the shards of an earlier dataset file away. Raises InputError if the file is unchanged."""
         store = self.store  # which another run may have tidied meanwhile
         outdated = [
             shard
@@ -235,12 +226,12 @@ class _Run:
             store.put_aside(shard)
         several = f"{len(outdated)} shard{'s' * (len(outdated) != 1)}"
         self.progress.remarks.append(
-            f"moved {several} to {store.folder / 'earlier'}, because the dataset file no longer has their samples or "
-            "splits; nothing reads that folder, so remove it to save space."
+            f"moved {several} to {store.folder / EARLIER}, because the dataset file no longer has their samples or "
+            "splits; that folder is not read, so remove it to save space."
         )
 
     def _missing(self, failures: dict[str, Failure]) -> Iterator[Task]:
-        """Tasks that are to be made."""
+        """Yield the tasks to be made."""
         self.progress.now = "rendering"
         places = zip(*[iter(self._incomplete)] * len(Place._fields), strict=True)
         for task in chain.from_iterable(map(self.plan.tasks_at, map(Place._make, places))):
@@ -252,7 +243,7 @@ class _Run:
                 yield task
 
     def _note(self, outcome: Outcome) -> None:
-        """What became of a task."""
+        """Record the outcome of a task."""
         task = outcome.task
         if outcome.full is not None:
             raise outcome.full
@@ -271,27 +262,18 @@ class _Run:
         self.progress.failed.append(failure)
         durable.append_lasting(self.store.folder / FAILED, failure.line())
 
-    def _table_in_between(self) -> None:
-        """Write the table now and then, for those who look at what is there."""
-        began = time.monotonic()
-        if began - self._table_s > max(TABLE_EVERY_S, TABLE_SHARE * self._table_took_s):
-            with suppress(InputError):  # a shard that was damaged meanwhile: said at the end
-                open_table(self.store)
-            self._table_s = time.monotonic()
-            self._table_took_s = self._table_s - began
-
     def _rewrite_failures(self) -> None:
-        """Leave only those in FAILED that are still missing, each once."""
+        """Leave only failures of missing tasks in FAILED, each once."""
         path = self.store.folder / FAILED
         left = [x for x in read_failures(self.store).values() if x.task not in self.samples_of]
         content = b"".join(failure.line() for failure in left)
         if not left:
             durable.remove_file(path)
-        elif content != durable.read_small(path, MOST_FAILED_BYTES):
+        elif content != durable.read_small(path, FAILED_BYTES_MAX):
             durable.write_lasting(path, [content])
 
     def _finish(self, planned: int) -> None:
-        """Write the table, and what people read."""
+        """Write the table and the files for people."""
         from . import card
 
         table, failed = Table(self.store), len(self.progress.failed)
@@ -304,23 +286,23 @@ class _Run:
             self.progress.remarks.append(f"{what} was not written: {error}")
 
     def _said_when_stopped(self) -> str:
-        """How many samples are on the disk, whoever made them, also those of which this process has not heard yet."""
-        known, count = dict(self.samples_of), 0
+        """Return how many samples are on disk, including samples that this process has not heard of yet."""
+        samples_of, count = dict(self.samples_of), 0
         for key, shard in self.store.finished().items():
-            with suppress(InputError):  # one that is damaged has none
-                count += known.get(key) or len(self.store.rows(shard))
-        return f"{count} samples are complete; the same command goes on from there"
+            with suppress(InputError):  # a damaged shard has no samples
+                count += samples_of.get(key) or len(self.store.rows(shard))
+        return f"{count} samples are complete; the same command continues from there"
 
 
 def check_same(plan: DatasetPlan, store: Store) -> None:
-    """Raise InputError where a folder has another dataset than the plan, or one of other versions or files."""
+    """Raise InputError if a folder has another dataset than the plan, or a dataset of other versions or files."""
     folder, record = store.folder, store.record()
     if record is None:
         return
     for name, version in plan.made_by.items():
         if (before := record.made_by.get(name)) != version:
             raise InputError(
-                f"{folder} was made with {name} {before or '(not installed)'}, and {version or 'none'} is installed; "
+                f"{folder} was made with {name} {before or '(not installed)'}, but {version or 'none'} is installed; "
                 f"install that version, or {NEW_FOLDER}."
             )
     changed = record.text != plan.text and growth_refused(
@@ -328,16 +310,16 @@ def check_same(plan: DatasetPlan, store: Store) -> None:
     )
     if changed:
         raise InputError(
-            f"{folder} was made from another dataset file: {changed} differ, and a dataset can only gain scenes, "
-            f"cameras, rows, values of [grid] and draws; restore the file, or {NEW_FOLDER}."
+            f"{folder} was made from another dataset file, with other values of {changed}; a dataset can only gain "
+            f"scenes, cameras, rows, values of [grid] and draws: restore the file, or {NEW_FOLDER}."
         )
 
 
 def read_failures(store: Store) -> dict[str, Failure]:
-    """Task → why it could not be made, the latest line of each; lines that are none are passed over."""
-    found = dict[str, Failure]()
-    for line in durable.read_small(store.folder / FAILED, MOST_FAILED_BYTES).splitlines():
+    """Return task → the latest reason why it could not be made, without invalid lines."""
+    failures = dict[str, Failure]()
+    for line in durable.read_small(store.folder / FAILED, FAILED_BYTES_MAX).splitlines():
         with suppress(ValidationError):
             failure = Failure.model_validate_json(line)
-            found[failure.task] = failure
-    return found
+            failures[failure.task] = failure
+    return failures

@@ -1,19 +1,13 @@
-"""What readers need of sample.json, which anybody may have written."""
+"""What readers need of sample.json, which other programs may have written."""
 
 from __future__ import annotations
 
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 
-class _Foreign(BaseModel):
-    """A part of sample.json that anybody may have written; other entries of it are passed over."""
-
-    model_config = ConfigDict(extra="ignore")
-
-
-class _Image(_Foreign):
+class _Image(BaseModel):
     columns: int
     rows: int
     frames: int
@@ -24,35 +18,35 @@ class _Image(_Foreign):
     origin: tuple[int, int]
 
 
-class _Exposure(_Foreign):
+class _Exposure(BaseModel):
     ev: float
 
 
-class _Pixel(_Foreign):
+class _Pixel(BaseModel):
     pitch_x_um: float
 
 
-class _Camera(_Foreign):
+class _Camera(BaseModel):
     pixel: _Pixel
 
 
-class _Config(_Foreign):
+class _Config(BaseModel):
     camera: _Camera
     gain: str | float | None
     exposure: _Exposure
 
 
-class _View(_Foreign):
+class _View(BaseModel):
     key: str
     scene: str
     config: dict[str, Any]
 
 
-class _Metering(_Foreign):
+class _Metering(BaseModel):
     exposure_s: float
 
 
-class _Heights(_Foreign):
+class _Heights(BaseModel):
     ideal: list[float]
     real: list[float]
 
@@ -60,7 +54,7 @@ class _Heights(_Foreign):
 _Row = tuple[float, float, float]
 
 
-class _Intrinsics(_Foreign):
+class _Intrinsics(BaseModel):
     matrix: tuple[_Row, _Row, _Row] | None
     image_size: tuple[int, int]
     distortion: tuple[float, float, float, float, float] | None
@@ -73,14 +67,14 @@ class _Intrinsics(_Foreign):
         return self
 
 
-class _Light(_Foreign):
+class _Light(BaseModel):
     noise_ratio_median: float | None
     metering: _Metering | None
     intrinsics: _Intrinsics
     camera_to_world: list[list[float]] | None
 
 
-class _Readout(_Foreign):
+class _Readout(BaseModel):
     name: str
     overall_system_gain_dn_per_e: float
     black_level_dn: float
@@ -90,8 +84,8 @@ class _Readout(_Foreign):
 Quantiles = Annotated[list[float], Field(min_length=5, max_length=5)]
 
 
-class SampleFacts(_Foreign):
-    """What readers need of sample.json."""
+class SampleFacts(BaseModel):
+    """What readers need of sample.json; other entries are ignored."""
 
     key: str
     camera: str

@@ -1,4 +1,4 @@
-"""The noise of a camera as a transform of images that were made elsewhere, for augmentation."""
+"""Adds the noise of a camera to images of other programs, for augmentation."""
 
 # Without `from __future__ import annotations`: core/options.py reads the declarations of options at run time.
 import math
@@ -27,22 +27,22 @@ from ..sensor.metering import saturated_share
 from ..stages.usual_range import warn_of_temperature
 
 Image: TypeAlias = Any
-"""A NumPy array, or a tensor of PyTorch, of which only methods are used."""
+"""A NumPy array, or a tensor of PyTorch (only its methods are used)."""
 SENSORS_MAX = 8
-"""Sensors with their FPN maps that are kept, those of the last sensor units and gains."""
+"""Sensors that are kept with their FPN maps, for the latest sensor units and gains."""
 SERIAL_MAX = 2**31 - 1
 SEED_END = 2**63
-"""Above the seeds of temporal noise that are drawn."""
+"""End of the random seeds of temporal noise."""
 SRGB_MAX = 1.001
-"""Up to rounding in half precision, a value behind the sRGB curve is at most 1."""
-SATURATED_PIXELS = 0.05
-"""Share of the pixels of an image from which on a note reports their saturation."""
+"""Values after the sRGB curve are at most 1, except for rounding in half precision."""
+SATURATED_FRACTION_MIN = 0.05
+"""Fraction of saturated pixels from which a note reports saturation."""
 ONE_THREAD = threading.Lock()
 """Dr.Jit compiles and runs for one thread at a time."""
 
 
 def _range(low: float, high: float, is_seed: bool = False) -> Callable[[str, Any], Any]:
-    """Check of one number or two, whose value is (lowest, highest)."""
+    """Return a check of one number or two, which returns (lowest, highest)."""
 
     def checked(name: str, value: Any) -> tuple[Any, Any]:
         ends = tuple(value) if isinstance(value, list | tuple) else (value, value)
@@ -65,13 +65,13 @@ class NoiseOptions(TypedDict, total=False):
     gain: Annotated[
         str | float | Sequence[str | float] | None,
         Option(
-            "Gain setting, or several, of which each image draws one. Default: the camera's own numbers."
+            "Gain setting, or several, of which each image draws one. Default: the camera's own parameters."
         ),
     ]
     serial: Annotated[
         int | tuple[int, int],
         Option(
-            "Serial number of the sensor unit, or (first, last) of those from which each image draws one.",
+            "Serial number of the sensor unit, or (first, last), between which each image draws one.",
             1,
             check=_range(1, SERIAL_MAX, is_seed=True),
         ),
@@ -79,33 +79,32 @@ class NoiseOptions(TypedDict, total=False):
     values: Annotated[
         Literal["electrons", "linear", "srgb"],
         Option(
-            "What the values of images are: mean photoelectrons per pixel; proportional to them, where 1 is white_e; "
-            "or linear values behind the curve of IEC 61966-2-1, integers of 8 bits or 0 to 1.",
+            "Unit of image values. electrons: mean photoelectrons per pixel. linear: proportional to electrons, 1 is "
+            "white_e. srgb: linear values after the curve of IEC 61966-2-1, as 8-bit integers or from 0 to 1.",
             "linear",
         ),
     ]
     white_e: Annotated[
         float | tuple[float, float] | None,
         Option(
-            "Mean electrons of a value of 1, or (least, most), between which the logarithm is uniform.",
+            "Mean electrons of a value of 1, or (least, most), between which their logarithm is uniform.",
             check=_range(1e-3, 1e9),
         ),
     ]
     output: Annotated[
         Literal["raw", "developed"],
         Option(
-            "Digital numbers; or a demosaiced image of the values that came in: integers of 8 bits again, or floats "
-            "that are not clipped, so that the noise of linear values stays centred (negative values mirror the curve "
-            "of sRGB).",
+            "raw: digital numbers. developed: a demosaiced image in the unit of the input, as 8-bit integers or "
+            "unclipped floats, so noise around black stays centred (negative values mirror the sRGB curve).",
             "raw",
         ),
     ]
-    seed: Annotated[int, Option("Seed of everything that is drawn.", 0, check=require_seed)]
+    seed: Annotated[int, Option("Seed of all random choices.", 0, check=require_seed)]
 
 
 @dataclass(frozen=True)
 class Draw:
-    """What one image was taken with.
+    """Random choices for one image.
 
     serial : of the sensor unit.  gain : setting, or None.  white_e : mean electrons of a value of 1, or None.
     seed : of the temporal noise.
@@ -119,10 +118,10 @@ class Draw:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class NoisyImage:
-    """image : raw or developed, of the kind that was given: an array, or a tensor.
+    """image : raw or developed, an array or a tensor like the input.
 
-    draws : of each image of a batch, one for a single image.  frames : of each, with theory, clean frame and origin.
-    notes : sentences on possible problems, of all images together.
+    draws, frames : one for each image of a batch; frames have theory, clean frame and origin.
+    notes : sentences on possible problems of all images.
     """
 
     image: Image
@@ -138,7 +137,7 @@ class NoisyImage:
 
     @cached_property
     def variance_dn2(self) -> Image:
-        """Variance of the temporal noise of every pixel of the raw frame, (H, W) or (N, H, W) [DN²].
+        """Temporal variance of every pixel of the raw frame, shape (H, W) or (N, H, W) [DN²].
 
         The frame without temporal noise is ``frames[0].clean``.
         """
@@ -147,20 +146,19 @@ class NoisyImage:
 
 
 class SensorNoise:
-    """What a camera makes of an image: ``noisy = ms.SensorNoise("sony_imx174", white_e=(50, 2000))(image)``.
+    """The noise of a camera, added to images: ``noisy = ms.SensorNoise("sony_imx174", white_e=(50, 2000))(image)``.
 
     ::
 
         noise = ms.SensorNoise("sony_imx174", white_e=(50, 2000), seed=1)
         noisy = noise(np.full((48, 64), 0.5)).image
 
-    camera : a :class:`Camera`, or what :func:`load_camera` takes.
+    camera : a :class:`Camera`, or an argument of :func:`load_camera`.
     exposure : time and temperature, for the dark current.
 
-    ``engine`` is the compiled one where there is LLVM, and may be set to another of :func:`expose`'s: ``"numpy"`` in
-    processes that are forked.
+    ``engine`` is the compiled engine if there is LLVM. Forked processes need ``"numpy"``.
 
-    Images are (H, W) behind the camera's own filters, or (H, W, 3) of red, green and blue for a camera with such a
+    Images are (H, W) after the camera's own filters, or (H, W, 3) in red, green and blue for a camera with such a
     mosaic; batches have one dimension more in front. Raises InputError for options and images that do not fit.
     """
 
@@ -176,17 +174,17 @@ class SensorNoise:
         self.exposure = Exposure(0.01) if exposure is None else exposure
         check_types(self.camera, self.exposure)
         warn_of_temperature(self.exposure.temperature_k)
-        chosen: Any = complete(NoiseOptions, options)
-        gain, self.serials, self.values = (chosen[x] for x in ("gain", "serial", "values"))
-        self.white_e, self.output, self.seed = (
-            chosen[x] for x in ("white_e", "output", "seed")
-        )
+        chosen = complete(NoiseOptions, options)
+        gain, self.values, self.output = chosen["gain"], chosen["values"], chosen["output"]
+        serials: Any = chosen["serial"]
+        white: Any = chosen["white_e"]
+        self.serials, self.white_e, self.seed = serials, white, chosen["seed"]
         self.gains = tuple(gain) if isinstance(gain, list | tuple) else (gain,)
         self.engine = "drjit" if backend_problem("llvm") is None else "numpy"
         if (self.white_e is None) != (self.values == "electrons"):
             raise InputError(
                 f"values is {self.values!r} and white_e {self.white_e}; 'linear' and 'srgb' need white_e, e.g. "
-                "(50, 2000), and 'electrons' has none."
+                "(50, 2000), but 'electrons' does not take it."
             )
         if not self.gains:
             raise InputError(f"gain is {gain!r}; pass one setting or several, or omit it.")
@@ -202,34 +200,33 @@ class SensorNoise:
         return f"SensorNoise({self.camera.name!r}, values={self.values!r}, output={self.output!r}, seed={self.seed})"
 
     def __call__(self, image: Image, sample: int = 0) -> NoisyImage:
-        """Return the image as the camera takes it.
+        """Return the image with the camera's noise.
 
-        image : (H, W), (H, W, 3), or a batch of them.  sample : number of the (first) image: the same number gives the
-            same sensor unit, gain, brightness and noise, in whatever order images come, in every process.
+        image : (H, W), (H, W, 3), or a batch of them.  sample : number of the (first) image. The same number gives the
+            same sensor unit, gain, brightness and noise, in any order and in every process.
         """
         sample, given = require_seed("sample", sample), _array_of(image)
         is_colour = self._is_colour(given)
         is_batch = given.ndim == 3 + is_colour
         images = given if is_batch else given[None]
         draws = tuple(self.draw(sample + number) for number in range(len(images)))
-        photons = [self._photons(*pair) for pair in zip(images, draws, strict=True)]
-        frames = tuple(self._expose(*pair) for pair in zip(photons, draws, strict=True))
-        found: list[NumpyArray] = [one.digital[0] for one in frames]
+        photons = [*map(self._photons, images, draws)]
+        frames = tuple(map(self._expose, photons, draws))
+        made: list[NumpyArray] = [x.digital[0] for x in frames]
         if self.output == "developed":
-            found = [
+            made = [
                 self._developed(x, draw, given.dtype, is_colour)
-                for x, draw in zip(found, draws, strict=True)
+                for x, draw in zip(made, draws, strict=True)
             ]
-        noted = [self._saturation_note(*pair) for pair in zip(photons, draws, strict=True)]
-        notes = tuple(dict.fromkeys(note for note in noted if note))
+        notes = tuple(dict.fromkeys(filter(None, map(self._saturation_note, photons, draws))))
         if not self._is_warned:  # once per transform: a training has thousands of images
             self._is_warned = bool(notes)
             warn_of(notes)
-        made = _like(image, np.stack(found) if is_batch else found[0])
-        return NoisyImage(made, draws, frames, is_batch, notes)
+        noisy = _like(image, np.stack(made) if is_batch else made[0])
+        return NoisyImage(noisy, draws, frames, is_batch, notes)
 
     def __getstate__(self) -> dict[str, Any]:
-        """For other processes: without sensors."""
+        """Pickle without sensors."""
         return {**vars(self), "_sensors": {}}
 
     def draw(self, sample: int) -> Draw:
@@ -244,12 +241,12 @@ class SensorNoise:
         return Draw(serial, gain, white_e, int(random.integers(SEED_END)))
 
     def _saturation_note(self, photons: Photons, draw: Draw) -> str:
-        """Where many pixels are saturated: how many electrons the camera holds, and what helps."""
+        """Return a note on saturated pixels with a remedy; an empty text if there are few."""
         camera = self.camera.at_gain(draw.gain)
         rows, columns, _ = photons.shape
         efficiency = self._efficiency[camera.filter_index((rows, columns))]
         share = saturated_share(photons.mean[..., 0] * efficiency, camera, self.exposure)
-        if share < SATURATED_PIXELS:
+        if share < SATURATED_FRACTION_MIN:
             return ""
         remedy = "give fewer electrons"
         if draw.white_e is not None:
@@ -261,7 +258,7 @@ class SensorNoise:
         )
 
     def _expose(self, photons: Photons, draw: Draw) -> Frames:
-        # Dr.Jit's arrays belong to one thread
+        # arrays of Dr.Jit belong to one thread
         key = (threading.get_ident(), draw.gain, draw.serial, photons.shape)
         asked: Any = {"seed": draw.seed, "first_frame": 0, "engine": self.engine}
         with ONE_THREAD:
@@ -275,7 +272,7 @@ class SensorNoise:
             return sensor.frames(photons, self.exposure, asked)
 
     def _is_colour(self, given: NumpyArray) -> bool:
-        """Return True if the last dimension is red, green and blue. Raises InputError for a shape of no image."""
+        """Return True if the last dimension is red, green and blue. Raises InputError for other shapes."""
         shape, is_rgb = given.shape, set(self._letters) == set("RGB")
         is_colour = given.ndim == 4 or (given.ndim == 3 and shape[2] == 3)
         is_grey_or_alpha = given.ndim == 3 and shape[1] > shape[2] and shape[2] in (1, 2, 4)
@@ -283,19 +280,19 @@ class SensorNoise:
         is_image = given.ndim in (2, 3, 4) and given.size and not is_grey_or_alpha
         if not is_image or is_planes or (given.ndim == 4 and shape[3] != 3):
             raise InputError(
-                f"image has shape {shape}; pass (H, W), (H, W, 3), or a batch of one of them: image[..., :3] of one "
-                "with transparency, np.moveaxis(image, 0, -1) of three planes, three grey images individually."
+                f"image has shape {shape}; pass (H, W), (H, W, 3), or a batch of them: image[..., :3] without "
+                "transparency, np.moveaxis(image, 0, -1) for three planes, three grey images individually."
             )
         if is_colour and not is_rgb:
             filters = ", ".join(self.camera.filter_names) or "none"
             raise InputError(
-                f"image has shape {shape} and {self.camera.name} the filters {filters}; pass (H, W), the light "
-                "behind each pixel's own filter."
+                f"image has shape {shape}, but {self.camera.name} has the filters {filters}; pass (H, W), the light "
+                "after each pixel's own filter."
             )
         return is_colour
 
     def _photons(self, image: NumpyArray, draw: Draw) -> Photons:
-        """Mean photons per pixel at one wavelength that give the image's photoelectrons behind each filter."""
+        """Return the mean photons per pixel at one wavelength that give the photoelectrons of the image."""
         filters = self.camera.filter_index(image.shape[:2])
         values = image
         if image.ndim == 3:
@@ -308,17 +305,17 @@ class SensorNoise:
             wrong = image[~((image >= 0) & np.isfinite(image))]
             value = wrong.flat[0] if wrong.size else image.max()
             raise InputError(
-                f"image has values such as {value:g}; mean light is finite and at least 0, in float32."
+                f"image has values such as {value:g}; mean light must be finite and at least 0, in float32."
             )
         return Photons(mean[..., None], np.array([self.light_nm]))
 
     def _linear(self, values: NumpyArray) -> Float32Array:
-        """Values proportional to light, as float32. Raises InputError for values of another kind."""
+        """Return values proportional to light, as float32. Raises InputError for other values."""
         is_whole = values.dtype.kind in "iu"
         if self.values == "linear" and is_whole:
             raise InputError(
-                f"image is {values.dtype}, as a picture has it, and values 'linear', of which 1 is white; pass "
-                'values="srgb" for a picture, or floats whose white is 1.'
+                f"image is {values.dtype}, as in a picture, but values is 'linear', where 1 is white; pass "
+                'values="srgb" for a picture, or floats with white at 1.'
             )
         if self.values != "srgb":
             return np.asarray(values, np.float32)
@@ -327,16 +324,16 @@ class SensorNoise:
             return np.asarray(np.take(levels, values), np.float32)
         if is_whole or not 0 <= values.min() <= values.max() <= SRGB_MAX:
             raise InputError(
-                f"image is {values.dtype} with values from {values.min():g} to {values.max():g}, and values 'srgb' "
-                "takes uint8, or floats from 0 to 1; divide by the code of white, clip them with "
-                'np.clip(image, 0, 1), or pass values="linear" for light that goes beyond white.'
+                f"image is {values.dtype} with values from {values.min():g} to {values.max():g}, but values 'srgb' "
+                "takes uint8, or floats from 0 to 1; divide by the code of white, clip with np.clip(image, 0, 1), or "
+                'pass values="linear" for light above white.'
             )
         return np.asarray(inverse_srgb_curve(values.astype(np.float32)), np.float32)
 
     def _developed(
         self, raw: NumpyArray, draw: Draw, kind: np.dtype[Any], is_colour: bool
     ) -> NumpyArray:
-        """The values that came in: black level and gain are taken out, missing colours interpolated."""
+        """Return the image in the unit of the input: without black level and gain, missing colours interpolated."""
         camera = self.camera.at_gain(draw.gain)
         scale = camera.system_gain_dn_per_e * (draw.white_e or 1.0)
         linear = (raw.astype(np.float64) - camera.black_level_dn) / scale
@@ -344,7 +341,7 @@ class SensorNoise:
             filters = camera.filter_index(linear.shape)
             if np.unique(filters).size < len(self._letters):
                 raise InputError(
-                    f"image has {linear.shape[0]} × {linear.shape[1]} pixels, which lack a colour; pass more of them, "
+                    f"image has {linear.shape[0]} × {linear.shape[1]} pixels, which lack a colour; pass more pixels, "
                     'or output="raw".'
                 )
             order = [self._letters.index(letter) for letter in "RGB"]
@@ -358,7 +355,7 @@ class SensorNoise:
 
 
 def _array_of(image: Image) -> NumpyArray:
-    """The array of an image or a tensor. Raises InputError for booleans, text and complex numbers."""
+    """Return the array of an image or a tensor. Raises InputError for booleans, text and complex numbers."""
     if hasattr(image, "detach"):
         image = image.detach().cpu()
         # NumPy has no bfloat16
@@ -371,15 +368,15 @@ def _array_of(image: Image) -> NumpyArray:
     return array
 
 
-def _like(given: Image, found: NumpyArray) -> Image:
-    """A tensor of floats where a tensor came in (its integers may be too short), else the array."""
+def _like(given: Image, values: NumpyArray) -> Image:
+    """Return a tensor of floats for a tensor (its integers may be too short), else the array."""
     if hasattr(given, "new_tensor"):
-        return given.new_empty(0).float().new_tensor(found.astype(np.float32))
-    return found
+        return given.new_empty(0).float().new_tensor(values.astype(np.float32))
+    return values
 
 
 def _wavelength_nm(camera: Camera) -> float:
-    """Where every filter sees light, best for the least sensitive one, and a photon makes one electron."""
+    """Return the wavelength at which the least sensitive filter is best, and a photon makes one electron."""
     section = camera.quantum_efficiency
     low, high = camera.band_nm
     at = np.arange(math.ceil(low), math.floor(high) + 1.0)
@@ -389,15 +386,15 @@ def _wavelength_nm(camera: Camera) -> float:
         least = np.where(np.interp(at, points, section.quantum_yield) == 1, least, 0.0)
     if not least.max() > 0:
         raise InputError(
-            f"{camera.name} has filters that share no wavelength; the noise of images needs one."
+            f"{camera.name} has filters without a common wavelength; the noise of images needs one."
         )
     return float(at[int(np.argmax(least))])
 
 
 def _at_least_as_large(camera: Camera, shape: tuple[int, ...]) -> Camera:
-    """The camera with enough rows and columns for an image."""
+    """Return the camera with enough rows and columns for an image."""
     sensor = camera.sensor
-    known = {"sensor.rows": sensor.rows or 0, "sensor.columns": sensor.columns or 0}
-    sizes = zip(known.items(), shape, strict=False)
-    larger = {name: pixels for (name, before), pixels in sizes if pixels > before}
+    sizes = {"sensor.rows": sensor.rows or 0, "sensor.columns": sensor.columns or 0}
+    pairs = zip(sizes.items(), shape, strict=False)
+    larger = {name: pixels for (name, before), pixels in pairs if pixels > before}
     return with_fields_of(camera, larger, "as large as the image")

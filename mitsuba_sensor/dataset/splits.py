@@ -1,4 +1,4 @@
-"""Splits: train, test, … that share neither a scene nor a chip."""
+"""Splits: train, test, … that share neither a scene nor a sensor unit."""
 
 from __future__ import annotations
 
@@ -11,130 +11,121 @@ import numpy as np
 
 from ..core import InputError
 from .file import DatasetFile, Splits
-from .sweep import Light, SceneSweep, Values, cells, share_of, values_of_cell
+from .keys import Facts
+from .sweep import Light, SceneSweep, cells, share_of, values_of_cell
 
-MOST_SCENES = 10**6
-"""Scenes, as splits.by tells them apart, that are dealt out."""
-AS_DRAWN = -1
-"""Stands for a serial number that is drawn at random."""
+SCENES_MAX = 10**6
+"""Scenes, as splits.by distinguishes them."""
+DRAWN_SERIAL = -1
+"""Stands for a random serial number."""
 REMEDY = (
-    'give more scenes, or name in by what else makes another scene: by = ["scene", "view"] deals '
-    'out the poses of a scene, by = ["scene", "parameters.NAME"] the values of a parameter; a smaller block makes more '
-    "of them"
+    'give more scenes, or name in by what else makes a separate scene: by = ["scene", "view"] '
+    'distributes the poses of a scene, by = ["scene", "parameters.NAME"] the values of a parameter; a smaller block '
+    "makes more scenes"
 )
 
 
 class SplitOf:
-    """Which split a scene and a chip belong to. Raises InputError where there are too few of them for the splits.
+    """The split of each scene and sensor unit. Raises InputError if there are fewer of them than splits.
 
-    models : name of the camera's model, by entry.  Two entries of one model and serial number are the same chip.
+    models : name of the camera model of each entry. Two entries with one model and serial number are one sensor unit.
     """
 
     def __init__(
         self, file: DatasetFile, models: Sequence[str], sweeps: Sequence[SceneSweep]
     ) -> None:
         self.file, self.models, self.splits = file, models, file.splits
+        self.is_drawn = bool(file.random and "serial" in file.random.values)
         self._chips: dict[str, Shares] = {}
         if self.splits is None:
             return
+        self._block = self.splits.block or 1
+        random = file.random.values if file.random else {}
+        self._is_by_draw = any(name in random for name in self.splits.by)
         scenes = (scene for sweep in sweeps for scene in self._scenes_of(sweep))
         self._scenes = Shares(scenes, self.splits, file.seed, "scenes", REMEDY)
-        if file.random and "serial" in file.random.values:
+        if self.is_drawn:
             raise InputError(
-                "splits cannot deal out serial numbers that are drawn at random; give them in [grid] or [[list]], or "
-                "leave serial out and give splits.chips."
+                "splits cannot distribute random serial numbers; give them in [grid] or [[list]], or remove serial and "
+                "set splits.chips."
             )
         if "serial" in file.varied:
-            remedy = "vary serial over more, or give chips = 1"
             for model in dict.fromkeys(models):
-                own = ((model, serial) for serial in self._given())
-                what = f"serial numbers of {model}"
-                self._chips[model] = Shares(own, self.splits, file.seed, what, remedy)
+                units = (
+                    (model, serial) for row in sweeps[0].rows for serial in self.given(row)
+                )
+                self._chips[model] = Shares(
+                    units,
+                    self.splits,
+                    file.seed,
+                    f"serial numbers of {model}",
+                    "vary serial over more, or give chips = 1",
+                )
 
     @property
     def names(self) -> list[str]:
-        """Names of the splits; an empty text where there are none."""
+        """Names of the splits; one empty text without splits."""
         return [*self.splits.shares] if self.splits else [""]
 
-    def serials(self, split: str, row: Values, camera: int) -> Sequence[int]:
-        """The serial numbers with which a row and a camera are exposed in a split, perhaps none."""
-        given: Sequence[int] = self.file.grid.get("serial", ())  # type: ignore[assignment]
-        if self.file.random and "serial" in self.file.random.values:
-            return [AS_DRAWN]
-        if "serial" not in self.file.grid:
-            given = [row.get("serial", 1)]
+    def given(self, row: Facts) -> Sequence[int]:
+        """Return the serial numbers of a row in the dataset file."""
+        grid: Sequence[int] = self.file.grid.get("serial", ())  # type: ignore[assignment]
+        return grid or [row.get("serial", 1)]
+
+    def serials(self, split: str, row: Facts, camera: int) -> Sequence[int]:
+        """Return the serial numbers of a row and a camera in a split, perhaps none."""
+        if self.is_drawn:
+            return [DRAWN_SERIAL]
         if self.splits is None:
-            return given
+            return self.given(row)
         if self._chips:
             model = self.models[camera]
-            return [one for one in given if self._chips[model].of((model, one)) == split]
+            return [x for x in self.given(row) if self._chips[model].of((model, x)) == split]
         chips = self.splits.chips or 1
         first = 1 + chips * self.names.index(split)
         return range(first, first + chips)
 
     def of(self, sweep: SceneSweep, light: Light, row: int) -> str:
-        """The split of a scene; an empty text where there are none."""
+        """Return the split of a scene; an empty text without splits."""
         if self.splits is None:
             return ""
         first_pose = light.view // self._block * self._block
         values = {"view": first_pose, **light.values, **sweep.rows[row]}
-        if self._by_draw():
+        if self._is_by_draw:
             values |= sweep.drawn(light.draws[0])
         return self._scenes.of(self._scene(sweep, values))
 
-    @property
-    def _block(self) -> int:
-        """Neighbouring poses that are in one split."""
-        return (self.splits and self.splits.block) or 1
-
-    def _given(self) -> Iterator[int]:
-        if "serial" in self.file.grid:
-            yield from self.file.grid["serial"]  # type: ignore[misc]
-        else:
-            yield from (row.get("serial", 1) for row in self.file.list)  # type: ignore[misc]
-
-    def _by_draw(self) -> bool:
-        """Whether a random draw makes another scene of it."""
-        assert self.splits is not None
-        names = self.file.random.values if self.file.random else {}
-        return any(name in names for name in self.splits.by)
-
     def _scenes_of(self, sweep: SceneSweep) -> Iterator[str]:
-        """Each scene, as ``by`` tells them apart, perhaps several times."""
+        """Yield each scene, as ``by`` distinguishes them, perhaps several times."""
         assert self.splits is not None
         by = self.splits.by
         grid = {name: values for name, values in sweep.of_light.items() if name in by}
         blocks = range(0, len(sweep.poses) if "view" in by else 1, self._block)
-        by_draw = self._by_draw()
-        lights = range(sweep.groups if by_draw else 1)
-        if (most := len(blocks) * cells(grid) * len(sweep.rows) * len(lights)) > MOST_SCENES:
+        groups = range(sweep.groups if self._is_by_draw else 1)
+        if (most := len(blocks) * cells(grid) * len(sweep.rows) * len(groups)) > SCENES_MAX:
             raise InputError(
-                f"splits.by tells {most} scenes apart; splits deal out at most {MOST_SCENES}: name less in by."
+                f"splits.by distinguishes {most} scenes; it can distinguish at most {SCENES_MAX}: name less in by."
             )
-        for light, view, cell in product(lights, blocks, range(cells(grid))):
-            drawn = sweep.drawn(sweep.draws_of(light)[0]) if by_draw else {}
+        for group, view, cell in product(groups, blocks, range(cells(grid))):
+            drawn = sweep.drawn(sweep.draws_of(group)[0]) if self._is_by_draw else {}
             for row in sweep.rows:
-                yield self._scene(
-                    sweep, {"view": view, **values_of_cell(grid, cell), **row, **drawn}
-                )
+                values = values_of_cell(grid, cell)
+                yield self._scene(sweep, {"view": view, **values, **row, **drawn})
 
-    def _scene(self, sweep: SceneSweep, varied: Values) -> str:
-        """What tells the scene from others, as text."""
+    def _scene(self, sweep: SceneSweep, varied: Facts) -> str:
+        """Return what distinguishes the scene, as text."""
         assert self.splits is not None
         entry = sweep.entry
-        fixed = {
-            f"{kind}.{name}": x
-            for kind in ("parameters", "traverse")
-            for name, x in getattr(entry, kind).items()
-        }
+        fixed = {f"parameters.{name}": x for name, x in entry.parameters.items()}
+        fixed |= {f"traverse.{name}": x for name, x in entry.traverse.items()}
         values = {"scene": entry.name, **fixed, **varied}
         return json.dumps([values.get(name) for name in self.splits.by])
 
 
 class Shares:
-    """Which split a thing belongs to: shuffled by the seed, at least one for each split, otherwise by the shares.
+    """The split of each thing: shuffled by the seed, at least one thing for each split, otherwise by the fractions.
 
-    Only where in the shuffled order each split ends is kept.
+    Only the end of each split in the shuffled order is kept.
     """
 
     def __init__(
@@ -144,15 +135,15 @@ class Shares:
         shuffled = np.unique(np.fromiter(map(self._place, things), float))
         total = len(shuffled)
         if total < len(self.names):
-            names = ", ".join(self.names)
             raise InputError(
-                f"splits: {total} {what} for {len(self.names)} splits ({names}); {remedy}."
+                f"splits {', '.join(self.names)} need at least {len(self.names)} {what}, and the dataset has {total}; "
+                f"{remedy}."
             )
         sizes = split_sizes(total, [splits.shares[name] for name in self.names])
         self.ends = [float(shuffled[end - 1]) for end in np.cumsum(sizes)]
 
     def of(self, thing: Hashable) -> str:
-        """The split of one of the things."""
+        """Return the split of one of the things."""
         return self.names[bisect_left(self.ends, self._place(thing))]
 
     def _place(self, thing: Hashable) -> float:
@@ -160,12 +151,10 @@ class Shares:
 
 
 def split_sizes(total: int, shares: Sequence[float]) -> list[int]:
-    """How many of ``total`` things each share gets: at least one, otherwise as near as whole numbers come."""
+    """Divide ``total`` things by fractions: at least one for each, otherwise to the nearest whole numbers."""
     free = total - len(shares)
     wanted = [max(share * total - 1, 0.0) for share in shares]
-    scale = 0.0
-    if sum(wanted):
-        scale = free / sum(wanted)
+    scale = free / sum(wanted) if sum(wanted) else 0.0
     sizes = [1 + int(x * scale) for x in wanted]
     order = sorted(range(len(shares)), key=lambda k: int(wanted[k] * scale) - wanted[k] * scale)
     for k in order[: total - sum(sizes)]:

@@ -1,4 +1,4 @@
-"""The table of a dataset, index.parquet: a row for each sample, made from the shards alone; and what is damaged."""
+"""The table of a dataset, index.parquet, with a row for each sample, made from the shards alone; and its damage."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from copy import copy
 from functools import cached_property
-from typing import Literal, NamedTuple, overload
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,19 +27,20 @@ PLACES: dict[str, Kind] = {
     **dict.fromkeys(("key", "split", "shard"), "text"),
     **dict.fromkeys(("offset", "bytes", "light_offset", "light_bytes", "number"), "integer"),
 }
-"""Columns before those of the values."""
+"""First columns: where a sample is."""
 EXPOSED: dict[str, Kind] = dict.fromkeys(
     ("exposed_s", "system_gain_dn_per_e", "black_level_dn"), "number"
 )
-"""What is known of the first frame of a sample: time [s], gain K [DN/e-], black level [DN]."""
+"""Columns on the first frame of a sample: actual time [s], gain K [DN/e-], black level [DN]."""
 SEEDS = ("serial", "repetition")
 OF_SHARDS = "shards"
-"""Name of the text of the file that says of which shards it is."""
-MOST_SAID = 20  # values, in the sentence on one that no sample has
+"""Name of the text in the file that identifies its shards."""
+VALUES_SHOWN_MAX = 20
+EQUAL_RELATIVE = 1e-9
 
 
 class Table(Sequence[Row]):
-    """The samples of a dataset, in its order; few rows are in memory.  Raises InputError where there is no dataset."""
+    """The samples of a dataset, in its order; few rows are in memory. Raises InputError without a dataset."""
 
     def __init__(self, store: Store) -> None:
         self.store = store
@@ -47,7 +48,7 @@ class Table(Sequence[Row]):
         self._chosen: NDArray[np.int64] | None = None
 
     def __getstate__(self) -> dict[str, object]:
-        """For other processes, which open the table again."""
+        """Pickle without the opened file."""
         return {**vars(self), "_rows": None}
 
     def __setstate__(self, state: dict[str, object]) -> None:
@@ -57,92 +58,83 @@ class Table(Sequence[Row]):
     def __len__(self) -> int:
         return self._rows.rows if self._chosen is None else len(self._chosen)
 
-    @overload
-    def __getitem__(self, number: int) -> Row: ...
-
-    @overload
-    def __getitem__(self, number: slice) -> list[Row]: ...
-
-    def __getitem__(self, number: int | slice) -> Row | list[Row]:
-        places = range(len(self))
-        if isinstance(number, slice):
-            return [self._row(place) for place in places[number]]
-        return self._row(places[operator.index(number)])
+    def __getitem__(self, number: int) -> Row:  # type: ignore[override]
+        place = range(len(self))[operator.index(number)]
+        row = place if self._chosen is None else int(self._chosen[place])
+        with self._as_written():
+            return _row_of(self._rows.row(row))
 
     def __iter__(self) -> Iterator[Row]:
         if self._chosen is not None:
-            yield from map(self._row, range(len(self)))
+            yield from map(self.__getitem__, range(len(self)))
         else:
             with self._as_written():
                 yield from map(_row_of, self._rows.all_rows())
 
-    def _row(self, place: int) -> Row:
-        number = place if self._chosen is None else int(self._chosen[place])
-        with self._as_written():
-            return _row_of(self._rows.row(number))
-
     @contextmanager
     def _as_written(self) -> Iterator[None]:
-        """What cannot be read of the table becomes a sentence. Raises InputError."""
+        """Raise InputError if the table cannot be read."""
         try:
             yield
         except (ValueError, KeyError, TypeError):
-            path = self.store.folder / INDEX
             raise InputError(
-                f"{path} is not as it was written; remove it: it is made again when the dataset is opened."
+                f"{self.store.folder / INDEX} has changed since it was written; remove it: opening the dataset "
+                "recreates it."
             ) from None
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the names of the shards that it is of, which hold the hashes of their contents."""
+        """SHA-256 of the names of its shards, which hold the hashes of their contents."""
         return self._rows.about[OF_SHARDS]
 
     @cached_property
     def names(self) -> list[str]:
-        """Names of all that has values, split included."""
-        columns = [x for x in self._rows.types if x not in PLACES and x not in EXPOSED]
-        return ["split", *dict.fromkeys(map(_name_of, columns))]
+        """Names of all values of samples, including split and actual exposure."""
+        columns = [
+            _name_of(x) for x in self._rows.types if x not in PLACES and x not in EXPOSED
+        ]
+        return ["split", *dict.fromkeys(columns), *EXPOSED]
 
     def where(self, name: str, value: object) -> Table:
-        """The rows that have this value. Raises InputError, with what there is, where there are none in the dataset."""
+        """Return the rows with this value. Raises InputError for an unknown name, or a value of no row."""
         if name not in self.names:
             raise InputError(
-                f"no sample has {name!r}; what they have: {', '.join(self.names)}.{nearest(name, self.names)}"
+                f"no sample has {name!r}; samples have {', '.join(self.names)}.{nearest(name, self.names)}"
             )
         here = np.zeros(self._rows.rows, bool)
         for values, numbers in self._coded(name):
             here |= np.array([*(_is_equal(x, value) for x in values), False])[numbers]
         if not here.any():
-            known = [text or "none" for text in self.counts(name)]
-            more = [f"… ({len(known)} values)"] if len(known) > MOST_SAID else []
-            shown = ", ".join(known[:MOST_SAID] + more)
+            present = [text or "none" for text in self.counts(name)]
+            more = [f"… ({len(present)} values)"] if len(present) > VALUES_SHOWN_MAX else []
+            shown = ", ".join(present[:VALUES_SHOWN_MAX] + more)
             raise InputError(
-                f"{name} is {value!r}; the samples have {shown}.{nearest(str(value), known)}"
+                f"{name} is {value!r}; the samples have {shown}.{nearest(str(value), present)}"
             )
-        chosen = copy(self)
-        places = np.flatnonzero(here)
+        chosen, places = copy(self), np.flatnonzero(here)
         chosen._chosen = (
             places if self._chosen is None else np.intersect1d(places, self._chosen)
         )
         return chosen
 
     def counts(self, name: str) -> dict[str, int]:
-        """Each value of a name, or of a column, as text → how many rows have it."""
-        found = Counter[str]()
+        """Return each value of a name as text → number of its rows."""
+        counts = Counter[str]()
         for values, numbers in self._coded(name):
             chosen = numbers if self._chosen is None else numbers[self._chosen]
             each = np.bincount(chosen[chosen >= 0], minlength=len(values)).tolist()
-            found.update({str(x): n for x, n in zip(values, each, strict=True) if n})
-        return dict(found)
+            counts.update({str(x): n for x, n in zip(values, each, strict=True) if n})
+        return dict(counts)
 
-    def places(self, column: str, beginning: str) -> list[int]:
-        """Places of the rows of which this column, of texts, begins so."""
-        ((values, numbers),) = self._coded(column)
-        here = np.array([*(str(x).startswith(beginning) for x in values), False])[numbers]
+    def places(self, beginning: str) -> list[int]:
+        """Return the places of the rows whose key starts with this text."""
+        ((keys, numbers),) = self._coded("key")
+        here = np.array([*(str(x).startswith(beginning) for x in keys), False])[numbers]
         return np.flatnonzero(here if self._chosen is None else here[self._chosen]).tolist()
 
     def _coded(self, name: str) -> Iterator[tuple[list[object], NDArray[np.int64]]]:
-        """The values of a name, each once, and for each row the number of its own, −1 for none: of each kind."""
+        """Yield, for each kind of values of a name, each value once, and for each row the number of its value (−1:
+        none)."""
         with self._as_written():
             for x in self._rows.types:
                 if x == name or (x not in PLACES and _name_of(x) == name):
@@ -150,7 +142,7 @@ class Table(Sequence[Row]):
 
 
 def open_table(store: Store) -> ParquetRows:
-    """The table of what is there now: index.parquet, or made again. Raises InputError."""
+    """Return the table of the current shards: index.parquet, or a new one. Raises InputError."""
     path = store.folder / INDEX
     with suppress(ValueError, OSError):
         rows = ParquetRows(path)
@@ -163,17 +155,19 @@ def open_table(store: Store) -> ParquetRows:
 
 
 def _digest_of(shards: Iterable[Shard]) -> str:
-    """SHA-256 of the names of shards."""
+    """Return the SHA-256 of the names of shards."""
     return hashlib.sha256("\n".join(sorted(x.name for x in shards)).encode()).hexdigest()
 
 
 def _table_bytes(store: Store) -> bytes:
-    """The content of index.parquet. Raises InputError for a shard that is not as it was written."""
+    """Return the content of index.parquet. Raises InputError for a changed shard."""
     kinds = kinds_of(read_dataset_text(store.require_record().text))
     shards = store.finished().values()
     order = sorted((min(row.number for row in store.rows(shard)), shard) for shard in shards)
     cells = (
-        _cells(row, kinds)
+        {name: getattr(row, name) for name in PLACES}
+        | row.exposed
+        | value_cells(row.values, kinds)
         for _, shard in order
         for row in sorted(store.rows(shard), key=lambda row: row.number)
     )
@@ -183,21 +177,13 @@ def _table_bytes(store: Store) -> bytes:
         raise
     except (ValueError, TypeError, KeyError) as error:
         raise InputError(
-            f"the shards of {store.folder} are not of the dataset file in its record ({error}); was it changed?"
+            f"the shards of {store.folder} do not match the dataset file in its record ({error}); was the record "
+            "changed?"
         ) from None
 
 
-def _cells(row: Row, kinds: Mapping[str, Kind]) -> Facts:
-    """Column → cell of a sample."""
-    return (
-        {name: getattr(row, name) for name in PLACES}
-        | row.exposed
-        | value_cells(row.values, kinds)
-    )
-
-
 def value_cells(values: Config, kinds: Mapping[str, Kind]) -> Facts:
-    """Column → cell of the values of a sample."""
+    """Return column → cell for the values of a sample."""
     cells: Facts = {}
     for name, value in values.items():
         column = f"{name} ({_kind_of(name, value)})"
@@ -214,20 +200,22 @@ def _row_of(cells: Facts) -> Row:
 
 
 def kinds_of(file: DatasetFile) -> dict[str, Kind]:
-    """Name of each column of the table of a dataset → the kind of its values.
+    """Return the columns of the table of a dataset and the kinds of their values.
 
-    Where a name has values of several kinds, its numbers have the name alone, others for example "NAME (text)". So has
-    each name that itself ends with a bracket.
+    If a name has values of several kinds, only its numbers have the plain name; other columns are e.g. "NAME (text)",
+    like every name that itself ends with a bracket.
     """
     kinds: dict[str, Kind] = {**PLACES, **EXPOSED, "scene": "text", "camera": "text"}
     for name in (*file.varied, "serial"):
-        values = [*possible_values(file, name)] or [1]
-        found = dict.fromkeys(_kind_of(name, value) for value in values)
-        bare = not name.endswith(")")
-        for kind in found:
-            alone = bare and (len(found) == 1 or kind in ("integer", "number", "seed"))
+        values = possible_values(file, name)
+        value_kinds = dict.fromkeys(_kind_of(name, value) for value in values) or {"seed": None}
+        is_plain = not name.endswith(")")
+        for kind in value_kinds:
+            alone = is_plain and (
+                len(value_kinds) == 1 or kind in ("integer", "number", "seed")
+            )
             kinds[name if alone else f"{name} ({kind})"] = kind
-        if bare and {"integer", "number"} <= {*found}:
+        if is_plain and {"integer", "number"} <= {*value_kinds}:
             kinds[name] = "number"
     if any(scene.views or scene.path for scene in file.scenes):
         kinds |= {"view": "integer", "pose": "pose"}
@@ -245,11 +233,11 @@ def _kind_of(name: str, value: Value) -> Kind:
     return kinds.get(type(value), "vector")
 
 
-def _is_equal(own: object, value: object) -> bool:
-    """Whether a value of a sample is the one that is asked for; numbers are equal to nine digits."""
-    if isinstance(value, float) and isinstance(own, int | float):
-        return math.isclose(value, own, rel_tol=1e-9)
-    return own is not None and bool(own == ([*value] if isinstance(value, tuple) else value))
+def _is_equal(cell: object, value: object) -> bool:
+    """Return True if a cell has a value; numbers are equal to nine digits."""
+    if isinstance(value, float) and isinstance(cell, int | float):
+        return math.isclose(value, cell, rel_tol=EQUAL_RELATIVE)
+    return cell is not None and bool(cell == ([*value] if isinstance(value, tuple) else value))
 
 
 def _name_of(column: str) -> str:
@@ -260,32 +248,32 @@ What = Literal["changed", "missing", "no shard"]
 
 
 class Fault(NamedTuple):
-    """A file of the folder.  what : no shard is a file among shards that no run wrote."""
+    """A file of the folder.  what : "no shard" is a file among the shards that no run wrote."""
 
     file: str
     what: What
 
     @property
     def is_damage(self) -> bool:
-        """Whether samples are lost, or said to be what they are not."""
+        """Return True if samples are lost or wrong."""
         return self.what != "no shard"
 
 
 def verify(
     store: Store, now: Callable[[int, int], object] = lambda done, total: None
 ) -> list[Fault]:
-    """What is not as it was written.  now : told how many shards are read, of how many.
+    """Return the changed and missing files.  now : called with the number of shards read, and of all shards.
 
-    Raises InputError where there is no dataset, or one of another format.
+    Raises InputError without a dataset, or for another format.
     """
     store.require_record()
     shards, faults = store.finished(), list[Fault]()
     content = durable.read_small(store.folder / RECORD, 2**26)
     if record_of(content) is None:
         faults.append(Fault(RECORD, "changed" if content else "missing"))
-    known = {shard.name for shard in shards.values()}
+    names = {shard.name for shard in shards.values()}
     for name in durable.names_of(store.shards):
-        if name not in known and not name.startswith(durable.SCRATCH):
+        if name not in names and not name.startswith(durable.SCRATCH):
             faults.append(Fault(f"{SHARDS}/{name}", "no shard"))
     for number, shard in enumerate(shards.values()):
         now(number, len(shards))
@@ -297,24 +285,23 @@ def verify(
 
 
 def _faults_of_table(store: Store) -> list[Fault]:
-    """Of the table, which can be made from the shards again; one that is older is no fault."""
+    """Return the fault of the table, which the shards can recreate; an older table is not a fault."""
     path = store.folder / INDEX
     if not path.is_file():
         return [Fault(INDEX, "missing")]
     try:
-        found, wanted = ParquetRows(path), ParquetRows(_table_bytes(store))
-        if found.about != wanted.about:
+        table, wanted = ParquetRows(path), ParquetRows(_table_bytes(store))
+        pairs = zip(table.all_rows(), wanted.all_rows(), strict=True)
+        is_same = table.types == wanted.types and all(row == other for row, other in pairs)
+        if table.about != wanted.about or is_same:
             return []
-        same = found.types == wanted.types and found.rows == wanted.rows
-        pairs = zip(found.all_rows(), wanted.all_rows(), strict=True)
-        same = same and all(one == other for one, other in pairs)
     except (ValueError, OSError):
-        same = False
-    return [] if same else [Fault(INDEX, "changed")]
+        pass
+    return [Fault(INDEX, "changed")]
 
 
 def remove_faults(store: Store, faults: list[Fault]) -> None:
-    """Remove the shards and the table that are not as they were written, and write the record again."""
+    """Remove changed shards and a changed table, and write the record again."""
     record = store.record()
     for fault in faults:
         if fault.is_damage and fault.file != RECORD:

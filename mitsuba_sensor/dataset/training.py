@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from importlib.util import find_spec
 from typing import Any, Protocol
 
 import numpy as np
 
+from ..core import InputError
 from ..core.types import NumpyArray
 from .read import Sample
+
+INTEGER_ARRAY = "shape_index"
 
 
 class _Readable(Protocol):
@@ -23,11 +27,11 @@ def batches(
     seed: int | None = None,
     epoch: int = 0,
 ) -> Iterator[dict[str, NumpyArray]]:
-    """Yield batches by name, (B, …) with the shapes of :meth:`Sample.read`; the last one may be smaller.
+    """Yield batches: name → array, shape (B, …) with the shape of :meth:`Sample.read`; the last one may be smaller.
 
-    samples : a :class:`Dataset`.  seed, epoch : of the order, which is another one in every epoch; None is the order of
-        the samples.
-    The arrays of a batch must have one shape; with size=1 all can be read.
+    samples : a :class:`Dataset`.  seed, epoch : of the order, which differs in every epoch; None keeps the order of the
+        samples.
+    The arrays of a batch must have one shape; size=1 reads any.
     """
     order = np.arange(len(samples))
     if seed is not None:
@@ -38,10 +42,10 @@ def batches(
 
 
 class TorchDataset:
-    """A dataset for torch.utils.data.DataLoader: samples as tuples of tensors, and what ``transform`` makes of them.
+    """A dataset for torch.utils.data.DataLoader: samples as tuples of tensors, passed through ``transform``.
 
     names : of the arrays, see :meth:`Sample.read`; shape_index becomes int64, all others float32.
-    transform : takes and returns a tuple of tensors.
+    transform : takes a tuple of tensors.  Raises InputError without PyTorch.
     """
 
     def __init__(
@@ -50,6 +54,8 @@ class TorchDataset:
         names: Sequence[str] = ("raw", "clean"),
         transform: Callable[[tuple[Any, ...]], Any] | None = None,
     ) -> None:
+        if find_spec("torch") is None:
+            raise InputError("TorchDataset needs PyTorch, which is missing; pip install torch.")
         self.samples, self.names, self.transform = samples, tuple(names), transform
 
     def __len__(self) -> int:
@@ -58,7 +64,8 @@ class TorchDataset:
     def __getitem__(self, number: int) -> Any:
         import torch
 
-        sample, kinds = self.samples[number], {"shape_index": "int64"}
-        arrays = (sample.read(name).astype(kinds.get(name, "float32")) for name in self.names)
-        found = tuple(map(torch.from_numpy, arrays))
-        return found if self.transform is None else self.transform(found)
+        sample, tensors = self.samples[number], []
+        for name in self.names:
+            kind = "int64" if name == INTEGER_ARRAY else "float32"
+            tensors.append(torch.from_numpy(sample.read(name).astype(kind)))
+        return tuple(tensors) if self.transform is None else self.transform(tuple(tensors))

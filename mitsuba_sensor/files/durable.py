@@ -1,6 +1,6 @@
-"""Files that outlive a power cut: written beside their place, flushed, renamed, and the name flushed too.
+"""Files that survive a power cut: written to a temporary name, flushed, renamed, and the folder flushed also.
 
-Linux and macOS keep a new name only when its folder is flushed. Windows, which flushes no folder, keeps it anyway.
+Linux and macOS keep a new name only if its folder is flushed; Windows cannot flush a folder and always keeps the name.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from .disk_errors import disk_sentences
 
 SCRATCH = ".unfinished-"
 FOLDER_BYTES = 4096
-"""One block, which a new folder takes."""
-LEFT_S = 3600.0
-"""After its last byte what is unfinished is of a program that was killed."""
-TRIES = 50
-"""At removing a folder that somebody else removes too."""
+"""Size of a new folder: one block."""
+ABANDONED_S = 3600.0
+"""Age of an unfinished file whose program was killed."""
+REMOVALS_MAX = 50
+"""Attempts to remove a folder that another program removes at the same time."""
 
 
 def scratch_name(parent: Path) -> Path:
-    """A name in ``parent`` that nobody else has."""
+    """Return a new name in ``parent`` that no other program uses."""
     return parent / f"{SCRATCH}{secrets.token_hex(8)}"
 
 
 def flush(path: Path) -> None:
-    """Flush the content of a file, or the names in a folder."""
+    """Flush the content of a file, or the names in a folder, to the disk."""
     is_folder = path.is_dir()
     if is_folder and not hasattr(os, "O_DIRECTORY"):
         return
@@ -46,56 +46,64 @@ def flush(path: Path) -> None:
 
 
 def put_in_place(temporary: Path, path: Path) -> None:
-    """Give a finished file its name, so that name and content outlive a power cut from then on: flush the file, rename
-    it, flush the folder. All writers of the package end here, or flush and rename several files at once."""
+    """Give a finished file its name, so name and content survive a power cut: flush the file, rename it, flush the
+    folder. All writers of the package end here, or flush and rename several files at once."""
     flush(temporary)
     os.replace(temporary, path)
     flush(path.parent)
 
 
 def make_lasting(folder: Path) -> None:
-    """Make a folder and those above it that are not there, so that their names outlive a power cut."""
+    """Make a folder and its missing parents, so their names survive a power cut."""
     missing = [place for place in (folder, *folder.parents) if not place.is_dir()]
     folder.mkdir(parents=True, exist_ok=True)
     for place in missing:
         flush(place.parent)
 
 
-def write_lasting(path: Path, chunks: Iterable[bytes]) -> str:
-    """A file that appears whole, in the place of an older one, and outlives a power cut from then on. Its SHA-256,
-    which stands in its name for {digest}.
+@contextmanager
+def scratch_file(folder: Path) -> Iterator[Path]:
+    """Yield a new path in ``folder``; a file that is still there after the block, or after Ctrl-C, is removed."""
+    temporary = scratch_name(folder)
+    remove = partial(temporary.unlink, missing_ok=True)
+    with undone_if_stopped(remove):
+        try:
+            yield temporary
+        finally:
+            with suppress(OSError):  # the folder is a file: reported already
+                remove()
 
-    Raises DiskFull and InputError, and whatever the chunks raise; then nothing of it is left.
+
+def write_lasting(path: Path, chunks: Iterable[bytes]) -> str:
+    """Write a file that appears whole, replaces an older one and survives a power cut; return its SHA-256, which also
+    replaces {digest} in its name.
+
+    Raises DiskFull, InputError and the errors of ``chunks``; then no file is left.
     """
     digest, size = hashlib.sha256(), 0
     shown = path.with_name(path.name.replace("-{digest}", ""))
     with disk_sentences(shown, FOLDER_BYTES):
         make_lasting(path.parent)
-    temporary = scratch_name(path.parent)
-    with undone_if_stopped(lambda: temporary.unlink(missing_ok=True)):
+    with scratch_file(path.parent) as temporary:
+        with disk_sentences(shown):
+            file = temporary.open("xb")
         try:
-            with disk_sentences(shown):
-                file = temporary.open("xb")
-            try:
-                for chunk in chunks:
-                    size += len(chunk)
-                    digest.update(chunk)
-                    with disk_sentences(shown, size):
-                        file.write(chunk)
-            finally:
-                with disk_sentences(shown, size):  # the last bytes are written here
-                    file.close()
-            with disk_sentences(shown, size), whole_step:
-                name = path.name.replace("{digest}", digest.hexdigest())
-                put_in_place(temporary, path.with_name(name))
+            for chunk in chunks:
+                size += len(chunk)
+                digest.update(chunk)
+                with disk_sentences(shown, size):
+                    file.write(chunk)
         finally:
-            with suppress(OSError):
-                temporary.unlink(missing_ok=True)
+            with disk_sentences(shown, size):  # writes the last bytes
+                file.close()
+        with disk_sentences(shown, size), whole_step:
+            name = path.name.replace("{digest}", digest.hexdigest())
+            put_in_place(temporary, path.with_name(name))
     return digest.hexdigest()
 
 
 def move_lasting(path: Path, to: Path) -> None:
-    """Rename a file into another folder, which is made, so that both names outlive a power cut. Raises InputError."""
+    """Move a file into another folder, which is made if needed; the move survives a power cut. Raises InputError."""
     with disk_sentences(to, FOLDER_BYTES), suppress(FileNotFoundError):
         make_lasting(to.parent)
         put_in_place(path, to)
@@ -103,38 +111,36 @@ def move_lasting(path: Path, to: Path) -> None:
 
 
 def append_lasting(path: Path, line: bytes) -> None:
-    """Add a line to a file, in one piece, which other programs may do too. Raises DiskFull and InputError."""
+    """Append a line to a file in one write, as other programs may do also. Raises DiskFull and InputError."""
     with disk_sentences(path, len(line)), open(path, "ab", buffering=0) as file:
         file.write(line)
         os.fsync(file.fileno())
-        if file.tell() == len(line):  # its name is new
+        if file.tell() == len(line):  # a new file
             flush(path.parent)
 
 
 def open_to_read(path: Path) -> BinaryIO:
-    """A file that is read by places. Raises OSError."""
+    """Open a file for random access. Raises OSError."""
     return path.open("rb")
 
 
 def read_small(path: Path, most: int) -> bytes:
-    """Content of a plain file of at most ``most`` bytes; nothing of a longer one, a pipe or a missing one."""
-    try:
-        if not path.is_file() or path.stat().st_size > most:
-            return b""
-        with path.open("rb") as file:
-            return file.read(most)
-    except OSError:
-        return b""
+    """Return the content of a plain file of at most ``most`` bytes; b"" for a longer one, a pipe or a missing file."""
+    with suppress(OSError):
+        if path.is_file() and path.stat().st_size <= most:
+            with path.open("rb") as file:
+                return file.read(most)
+    return b""
 
 
 def remove_file(path: Path) -> None:
-    """Remove a file; that there is none is no error."""
+    """Remove a file if it exists."""
     path.unlink(missing_ok=True)
 
 
 def remove_folder(folder: Path) -> None:
-    """Remove a folder with all that is in it, or whatever else stands there; that nothing does is no error."""
-    for _ in range(TRIES):
+    """Remove a folder with its content, or a file of this name, if it exists."""
+    for _ in range(REMOVALS_MAX):
         with suppress(FileNotFoundError):
             if folder.is_symlink() or not folder.is_dir():
                 folder.unlink(missing_ok=True)
@@ -145,7 +151,7 @@ def remove_folder(folder: Path) -> None:
 
 @contextmanager
 def scratch_folder(parent: Path) -> Iterator[Path]:
-    """A folder for what is written for a short time; it goes with the block. Raises DiskFull and InputError."""
+    """Yield a temporary folder, which is removed after the block. Raises DiskFull and InputError."""
     folder = scratch_name(parent)
     with undone_if_stopped(partial(remove_folder, folder)):
         try:
@@ -159,36 +165,31 @@ def scratch_folder(parent: Path) -> Iterator[Path]:
 
 
 def taken_out(folder: Path) -> dict[str, bytes]:
-    """Name → content of the files in a folder, which are removed."""
-    found = {}
+    """Return name → content of the files in a folder, and remove them."""
+    contents = {}
     for name in names_of(folder):
-        found[name] = (folder / name).read_bytes()
+        contents[name] = (folder / name).read_bytes()
         (folder / name).unlink()
-    return found
+    return contents
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what programs that were killed have left in a folder."""
+    """Remove the files that killed programs have left in a folder."""
     for name in names_of(folder):
         path = folder / name
         with suppress(OSError):
-            if name.startswith(SCRATCH) and time.time() - path.lstat().st_mtime > LEFT_S:
+            if name.startswith(SCRATCH) and time.time() - path.lstat().st_mtime > ABANDONED_S:
                 remove_folder(path)
 
 
 def sha256_of(path: Path | str) -> str:
-    """SHA-256 of a file's content in hexadecimal digits."""
+    """Return the SHA-256 of a file in hexadecimal digits."""
     with open(path, "rb", buffering=0) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def size_and_hash(path: Path) -> tuple[int, str]:
-    """Bytes of a file, and their SHA-256."""
-    return path.stat().st_size, sha256_of(path)
-
-
 def names_of(folder: Path | str) -> list[str]:
-    """Names in a folder, sorted; none if there is no such folder."""
+    """Return the names in a folder, sorted; [] if there is no such folder."""
     try:
         return sorted(os.listdir(folder))
     except (FileNotFoundError, NotADirectoryError):

@@ -1,4 +1,4 @@
-"""Opens HDF5 files to write: h5py, whose errors of a full disk become sentences."""
+"""New HDF5 files by h5py."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""A dict of numbers in a .npy file, as ``np.save`` writes it: pickled, and read here without running anything.
+"""A dict of numbers in a .npy file, which ``np.save`` pickles, read without running any code of the file.
 
-Names in the pickle may be those of NumPy's arrays and numbers alone, and classes of this file stand for them.
+The pickle may name only NumPy's arrays and numbers; classes of this module replace them.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from ..core import InputError
 from ..core.small_files import require_small
 
 BYTES_MAX = 2**20
-NUMBERS_MAX = 10**5  # in the whole dict; a list that a pickle names twice counts twice
+NUMBERS_MAX = 10**5  # in the whole dict; a list that appears twice counts twice
 NUMBER_TYPES = ("f4", "f8", "i2", "i4", "i8", "u1", "u2", "u4")
 
 
 class _Object:
-    """What stands for an object of NumPy: its arguments and its state, with which nothing is done."""
+    """Replacement of an object of NumPy, which only stores arguments and state."""
 
     state: Any = None
 
@@ -45,7 +45,7 @@ class _Scalar(_Object): ...
 
 
 def _latin1(text: str, _: str) -> bytes:
-    """Bytes that protocol 2 writes as a text."""
+    """Decode bytes that protocol 2 writes as a text."""
     return text.encode("latin1")
 
 
@@ -60,42 +60,42 @@ STAND_INS: dict[tuple[str, str], Any] = {
 
 class _Unpickler(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
-        known = STAND_INS.get((module.replace("numpy._core", "numpy.core"), name))
-        if known is None:
-            raise ValueError(f"it names {module}.{name}, which is no number")
-        return known
+        replacement = STAND_INS.get((module.replace("numpy._core", "numpy.core"), name))
+        if replacement is None:
+            raise ValueError(f"it names {module}.{name}, which is not a number")
+        return replacement
 
 
 def read_npy_dict(path: Path) -> dict[str, Any]:
-    """The dict of a .npy: numbers as float, arrays as nested lists. Raises InputError for everything else."""
+    """Return the dict of a .npy: numbers as float, arrays as nested lists. Raises InputError for other content."""
     require_small(path, "the file", BYTES_MAX)
     data = path.read_bytes()
     try:
         value = _plain(_loaded(data), itertools.count())
     except Exception as error:  # broken bytes raise nearly everything
-        raise InputError(f"{path} is no .npy of one dict of numbers: {error}.") from None
+        raise InputError(f"{path} is not a .npy of one dict of numbers: {error}.") from None
     if not isinstance(value, dict):
         raise InputError(f"{path} has {type(value).__name__}; give a .npy of one dict.")
     return value
 
 
 def _loaded(data: bytes) -> object:
-    """The object of a .npy, its arrays as :class:`_Array`. Raises ValueError and what broken bytes raise."""
+    """Return the object of a .npy, its arrays as :class:`_Array`. Raises errors of many kinds for broken bytes."""
     file = io.BytesIO(data)
     version = np.lib.format.read_magic(file)
     first = version == (1, 0)
     read = np.lib.format.read_array_header_1_0 if first else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(file)
     if shape or dtype != np.dtype(object):
-        raise ValueError("it has an array of numbers")
-    for code, argument, _ in pickletools.genops(data[file.tell() :]):  # checks lengths, too
+        raise ValueError("it contains an array of numbers")
+    for code, argument, _ in pickletools.genops(data[file.tell() :]):  # also checks lengths
         if "PUT" in code.name and int(argument or 0) > len(data):
             raise ValueError("it numbers more objects than it has bytes")
     return _Unpickler(file).load()
 
 
 def _plain(value: Any, counter: Iterator[int]) -> Any:
-    """Dicts, lists and numbers of Python."""
+    """Return dicts, lists and numbers of Python."""
     if next(counter) > NUMBERS_MAX:
         raise ValueError(f"it has more than {NUMBERS_MAX} numbers")
     if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""OpenEXR files by the library's own reader and writer: pictures of named channels, and what is wrong with a file."""
+"""OpenEXR files by the OpenEXR library: images of named channels, and checks of files."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from ..core.small_files import require_plausible, require_regular
 from .appearing import appearing
 
 EXR_MAGIC = b"\x76\x2f\x31\x01"  # OpenEXR file layout, "Magic Number"
-ZIP_ROWS = 16  # that are compressed together (OpenEXR file layout, "ZIP_COMPRESSION")
-VALUES_AT_ONCE = 2**21  # in float32 8 MiB, of which the library makes copies
+ZIP_ROWS = 16  # rows compressed together (OpenEXR file layout, "ZIP_COMPRESSION")
+VALUES_AT_ONCE = 2**21  # 8 MiB in float32, which the library copies
 
 
 class Plane(NamedTuple):
-    """What becomes a channel: an image (H, W), in float32, or in half precision times ``scale`` where there is one."""
+    """A channel to write: an image (H, W) in float32, or in half precision times ``scale`` if given."""
 
     image: np.ndarray
     scale: float | None = None
 
     def rows(self, rows: slice) -> bytes:
-        """Some rows as the file has them."""
+        """Return the bytes of some rows as in the file."""
         if self.scale is None:
             return np.asarray(self.image[rows], dtype=np.float32).tobytes()
         return (self.image[rows] * np.float32(self.scale)).astype(np.float16).tobytes()
@@ -38,14 +38,13 @@ class Plane(NamedTuple):
 def write_planes(
     path: Path, header: Mapping[str, str | float], channels: Mapping[str, Plane]
 ) -> None:
-    """Some rows at a time: the planes in the order of the file would be as large as all bands and their errors."""
+    """Write an EXR some rows at a time, because a reordered copy of all planes would double the memory."""
     import OpenEXR
 
     rows, columns = next(iter(channels.values())).image.shape
     step = max(VALUES_AT_ONCE // (columns * len(channels)) // ZIP_ROWS, 1) * ZIP_ROWS
-    size = sum(
-        x.image.size * (4 if x.scale is None else 2) for x in channels.values()
-    )  # before compression
+    # Before compression.
+    size = sum(x.image.size * (4 if x.scale is None else 2) for x in channels.values())
     with appearing(path, size) as temporary:
         try:
             with closing(
@@ -58,16 +57,16 @@ def write_planes(
                     file.writePixels(
                         {name: x.rows(here) for name, x in channels.items()}, here.stop - first
                     )
-        except (RuntimeError, ValueError) as error:  # whatever went wrong
+        except (RuntimeError, ValueError) as error:  # of any cause
             raise OSError(str(error)) from error
         if not _ends_well(temporary, rows - 1):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def _ends_well(path: Path, last_row: int) -> bool:
-    """Whether a file that was just written has its table of offsets and its last row.
+    """Return True if a file that was just written has its table of offsets and its last row.
 
-    The library meets a full disk without an error when it empties its buffers, at the end of a file.
+    The library reports no error if the disk is full when it writes its buffers at the end of a file.
     """
     import OpenEXR
 
@@ -86,7 +85,7 @@ def _ends_well(path: Path, last_row: int) -> bool:
 def _file_header(
     size: tuple[int, int], header: Mapping[str, str | float], channels: Mapping[str, Plane]
 ) -> dict[str, Any]:
-    """As the library's writer of rows takes it.  size : (columns, rows)."""
+    """Return the header for the library's writer of rows.  size : (columns, rows)."""
     import Imath
     import OpenEXR
 
@@ -110,7 +109,7 @@ def _file_header(
 
 @contextmanager
 def _silent_library() -> Iterator[None]:
-    """Keep what the OpenEXR library itself says of a damaged file, a line for each row, off stdout and stderr."""
+    """Suppress the OpenEXR library's own output about a damaged file, one line for each row."""
     kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
     try:
@@ -126,10 +125,11 @@ def _silent_library() -> Iterator[None]:
 def whole_exr(
     path: Path, wrong: str, remedy: str = "", pixels: bool = True
 ) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
-    """Header and channels of an EXR; InputError if it is not there, not an EXR, not whole, or lacks what is read.
+    """Yield header and channels of an EXR. Raises InputError if the file is missing, no EXR, or cut short, and if the
+    block finds an entry missing.
 
-    The channels of all parts are images of the display window; those of several parts have the name of theirs in front.
-    pixels : without them the images are empty.
+    Channels are images of the display window; with several parts, names begin with the name of the part.
+    pixels : False to read the header only; the images are then empty.
     """
     import OpenEXR
 
@@ -146,7 +146,7 @@ def whole_exr(
                 layer = f"{part.name() or number}." if len(file.parts) > 1 else ""
                 for channel in part.header["channels"]:
                     name = channel.name
-                    if not name.startswith(layer):  # some programs write the part's name there
+                    if not name.startswith(layer):  # some programs write the part's name
                         name = layer + name
                     images[name] = np.empty((0, 0), np.float32)
                     if pixels:
@@ -168,15 +168,15 @@ def whole_exr(
 
 
 def _displayed(image: np.ndarray, data: ArrayLike, shown: ArrayLike, name: str) -> np.ndarray:
-    """The part of an image of the data window that lies in the one that is shown, which is black elsewhere.
+    """Return an image of the display window from an image of the data window; pixels outside the latter are black.
 
-    name : for what is said. Raises InputError for deep and subsampled channels, and where nothing is in the window.
+    name : for messages. Raises InputError for deep and subsampled channels, and for windows that do not overlap.
     """
     left, top, columns, rows = _window(data)
     if image.dtype.kind not in "fu" or image.shape != (rows, columns):
         raise InputError(
-            f"{name} has no single value per pixel (deep, or subsampled as luminance and chroma are); flatten it and "
-            "write R, G and B of full size."
+            f"{name} is deep or subsampled, so it has no single value per pixel; flatten it, and write R, G and B of "
+            "full size."
         )
     left_shown, top_shown, width, height = _window(shown)
     if (left, top, columns, rows) == (left_shown, top_shown, width, height):
@@ -185,7 +185,7 @@ def _displayed(image: np.ndarray, data: ArrayLike, shown: ArrayLike, name: str) 
     seen = image[max(-top, 0) : max(height - top, 0), max(-left, 0) : max(width - left, 0)]
     if not seen.size:
         raise InputError(
-            f"{name} has no pixel in the display window, which is the picture; correct the windows in its header."
+            f"{name} has no pixel in the display window; correct the windows in its header."
         )
     picture, left, top = np.zeros((height, width), image.dtype), max(left, 0), max(top, 0)
     picture[top : top + seen.shape[0], left : left + seen.shape[1]] = seen
@@ -193,14 +193,14 @@ def _displayed(image: np.ndarray, data: ArrayLike, shown: ArrayLike, name: str) 
 
 
 def _window(corners: ArrayLike) -> tuple[int, int, int, int]:
-    """Left column, top row, columns and rows of a window of a header."""
+    """Return left column, top row, columns and rows of a window of a header."""
     left, top, right, bottom = np.reshape(corners, 4).tolist()
     return left, top, max(right - left + 1, 0), max(bottom - top + 1, 0)
 
 
 def require_plausible_exr(path: Path) -> None:
-    """Raise InputError where the header announces more pixels than the file can have; other errors for a header that
-    cannot be read."""
+    """Raise InputError if the header announces more pixels than the file can contain, and errors of the library if the
+    header is unreadable."""
     import OpenEXR
 
     with _silent_library(), OpenEXR.File(str(path), header_only=True) as file:
@@ -208,14 +208,14 @@ def require_plausible_exr(path: Path) -> None:
 
 
 def _unpacked_bytes(header: Mapping[str, Any]) -> int:
-    """What all pixels take in float32. Raises KeyError, TypeError and ValueError for a header that does not say."""
+    """Return the size of all pixels in float32. Raises KeyError, TypeError and ValueError for an incomplete header."""
     sizes = [_window(header[name]) for name in ("dataWindow", "displayWindow")]
     pixels = max(columns * rows for _, _, columns, rows in sizes)
     return pixels * len(header["channels"]) * 4
 
 
 def is_exr(path: str | os.PathLike[str]) -> bool:
-    """Whether there is an OpenEXR file of that name, by its first bytes."""
+    """Return True if this is an OpenEXR file, by its first bytes."""
     try:
         require_exr(Path(path))
     except InputError:
@@ -224,13 +224,13 @@ def is_exr(path: str | os.PathLike[str]) -> bool:
 
 
 WAY_OUT = (
-    "give an irradiance.exr, render a scene (`mitsuba-sensor render SCENE -o out/`), or make light of a picture in "
-    "Python (light_from_rgb)"
+    "give an irradiance.exr, render a scene (`mitsuba-sensor render SCENE -o out/`), or convert a picture in Python "
+    "(light_from_rgb)"
 )
 
 
 def require_exr(path: Path) -> None:
-    """Raise InputError for anything that is not an OpenEXR file."""
+    """Raise InputError for any other file."""
     try:
         require_regular(path)
         with path.open("rb") as file:

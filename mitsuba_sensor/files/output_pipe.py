@@ -1,4 +1,4 @@
-"""Standard output and standard error where they are pipes that nobody reads any more, as those of ``| head -1``."""
+"""Standard output and standard error that are pipes without a reader, e.g. after ``| head -1``."""
 
 from __future__ import annotations
 
@@ -9,13 +9,10 @@ from contextlib import suppress
 
 
 class LastingOutput(io.TextIOWrapper):
-    """Text output that goes on when its reader has gone: the rest is lost, and nobody misses it.
-
-    The program ends as it would otherwise, with the same exit code.
-    """
+    """Text output that discards text after its reader has ended, so the program continues to its usual exit code."""
 
     def write(self, text: str, /) -> int:
-        """Number of characters, written or lost."""
+        """Return the number of characters, written or discarded."""
         try:
             return super().write(text)
         except BrokenPipeError:
@@ -23,25 +20,22 @@ class LastingOutput(io.TextIOWrapper):
             return len(text)
 
     def flush(self) -> None:
-        """Write what is left, if somebody reads it."""
+        """Write buffered text, if there is a reader."""
         try:
             super().flush()
         except BrokenPipeError:
             self._lose_the_rest()
 
     def _lose_the_rest(self) -> None:
-        """Let nothing more be written there, not even when the program ends."""
-        with suppress(OSError, ValueError):  # there is no file behind it
+        """Redirect all further output, also at exit, to the null device."""
+        with suppress(OSError, ValueError):  # not a file
             null = os.open(os.devnull, os.O_WRONLY)
             os.dup2(null, self.fileno())
             os.close(null)
 
 
 def outlast_readers() -> None:
-    """From now on the program goes on where nobody reads its output.
-
-    A terminal without × and µ shows ? in their place.
-    """
+    """Let the program continue when the reader of its output ends; show ? for characters that the terminal lacks."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if isinstance(stream, io.TextIOWrapper):

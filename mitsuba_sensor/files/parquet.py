@@ -1,4 +1,4 @@
-"""Parquet files in memory, and rows and columns of them."""
+"""Parquet files: bytes, rows and columns."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ Row: TypeAlias = dict[str, Any]
 Kind: TypeAlias = Literal[
     "flag", "integer", "seed", "number", "text", "vector", "pose", "image", "bytes"
 ]
-"""Of the values of a column; a vector is a list of numbers, a pose has the vectors of POSE, an image the bytes of a
-file and its name ("path"), as Hugging Face has it."""
+"""Kind of values of a column; a vector is a list of numbers, a pose has the vectors of POSE, an image has the bytes of
+a file and its name ("path"), as Hugging Face expects."""
 POSE = ("origin_m", "target_m", "up")
 GROUP = 1000
-"""Rows that are read together: one row of a file takes as long as these."""
+"""Rows that are read together."""
 FORM: dict[str, Any] = {
     "compression": "lz4",
     "use_dictionary": False,
     "write_statistics": False,
     "write_page_checksum": True,
 }
-"""Of the columns, so that a row is read at once; the file is a third larger than the smallest one."""
-AT_ONCE = 2048
-"""Rows that become Python values at once."""
+"""Format for fast access to single rows; the file is a third larger than the smallest one."""
+BATCH_ROWS = 2048
+"""Rows that become Python values together."""
 
 
 def parquet_bytes(
     rows: Iterable[Row], kinds: Mapping[str, Kind], about: Mapping[str, str]
 ) -> bytes:
-    """A file with these rows; None, or no such name, is a value that is not there.
+    """Return a file with these rows; None, or a name that a row lacks, is a missing value.
 
-    kinds : of each column.  about : texts of the file itself.  Raises ValueError for values that are of no such kind.
+    kinds : kind of each column.  about : metadata texts of the file.  Raises ValueError for values of another kind.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -52,7 +52,7 @@ def parquet_bytes(
 
 
 def schema_of(kinds: Mapping[str, Kind], about: Mapping[str, str]) -> object:
-    """Arrow's schema of a file.  kinds : of the columns.  about : texts of the file itself."""
+    """Return Arrow's schema of a file.  kinds : kind of each column.  about : metadata texts of the file."""
     import pyarrow as pa
 
     types = [(name, _type_of(kind)) for name, kind in kinds.items()]
@@ -60,10 +60,10 @@ def schema_of(kinds: Mapping[str, Kind], about: Mapping[str, str]) -> object:
 
 
 class ParquetRows:
-    """The rows of a file that :func:`parquet_bytes` made; each group of rows is read when it is asked for.
+    """Rows of a file that :func:`parquet_bytes` made, read group by group on demand.
 
-    source : its path or content.  types : name of each column → that of its values.  about : texts of the file itself.
-    Raises ValueError for other bytes, now or when they are read.
+    source : path or content.  types : name of each column → name of its type.  about : metadata texts of the file.
+    Raises ValueError for other bytes, now or when rows are read.
     """
 
     def __init__(self, source: Path | bytes) -> None:
@@ -79,25 +79,25 @@ class ParquetRows:
         self.about = _texts(schema.metadata)
 
     def row(self, number: int) -> Row:
-        """One row."""
+        """Return one row."""
         group, place = divmod(number, GROUP)
         with only_value_errors():
             columns = self._group(group)
         return {name: column[place].as_py() for name, column in columns.items()}
 
     def all_rows(self) -> Iterator[Row]:
-        """Each row, in order."""
+        """Yield each row, in order."""
         with only_value_errors():
-            for batch in self._file.iter_batches(AT_ONCE, use_threads=False):
+            for batch in self._file.iter_batches(BATCH_ROWS, use_threads=False):
                 yield from batch.to_pylist()
 
     def coded(self, name: str) -> tuple[list[object], NDArray[np.int64]]:
-        """The values of a column, each once, and for each row the number of its own; −1 where there is none."""
+        """Return the distinct values of a column, and the index of each row's value; −1 for a missing value."""
         import pyarrow as pa
 
         with only_value_errors():
             column = self._file.read([name], use_threads=False)[name].combine_chunks()
-        if pa.types.is_nested(column.type):  # of which Arrow finds no equal ones
+        if pa.types.is_nested(column.type):  # Arrow cannot compare these
             values = column.to_pylist()
             return values, np.arange(len(values))
         codes = column.dictionary_encode()
@@ -106,14 +106,14 @@ class ParquetRows:
 
 
 def _columns_of_group(file: Any, number: int) -> dict[str, Any]:
-    """Name → column of a group of rows.  file : pyarrow's."""
+    """Return name → column of a group of rows.  file : pyarrow.parquet.ParquetFile."""
     table = file.read_row_group(number, use_threads=False)
     return dict(zip(table.column_names, table.columns, strict=True))
 
 
 @contextmanager
 def only_value_errors() -> Iterator[None]:
-    """Whatever Arrow says of bytes that are no file of Parquet becomes a ValueError."""
+    """Turn Arrow's errors about invalid files into ValueError."""
     try:
         yield
     except (OSError, NotImplementedError, TypeError) as error:
@@ -121,7 +121,7 @@ def only_value_errors() -> Iterator[None]:
 
 
 def _texts(metadata: Mapping[bytes, bytes] | None) -> dict[str, str]:
-    """Of a file, without Arrow's schema."""
+    """Return the metadata texts of a file, without Arrow's schema."""
     texts = {name.decode(): text.decode() for name, text in (metadata or {}).items()}
     return {name: text for name, text in texts.items() if name != "ARROW:schema"}
 

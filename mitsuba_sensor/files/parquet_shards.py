@@ -10,7 +10,7 @@ from .disk_errors import disk_sentences
 from .parquet import Kind, Row, schema_of
 
 GROUP_ROWS, GROUP_BYTES = 100, 2**25
-"""Largest group of rows, which readers have in memory at once."""
+"""Largest group of rows, which readers load together."""
 
 
 def write_parquet_shards(
@@ -21,10 +21,10 @@ def write_parquet_shards(
     rows: Iterable[tuple[Row, int]],
     shard_bytes: int,
 ) -> None:
-    """Write rows into shards, which all get their names at the end. Raises InputError and DiskFull.
+    """Write rows to shards, which get their names at the end. Raises InputError and DiskFull.
 
-    kinds : of the columns.  about : texts of each file itself.  rows : with the bytes of their images and arrays.
-    shard_bytes : of the images and arrays in a shard; a group of rows that is larger has a shard of its own.
+    kinds : kind of each column.  about : metadata texts of each file.  rows : pairs of a row and its size [bytes].
+    shard_bytes : size of the rows in a shard; a larger group of rows gets a separate shard.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -47,7 +47,7 @@ def write_parquet_shards(
 
 
 def _groups(rows: Iterable[tuple[Row, int]], bytes_max: int) -> Iterator[tuple[list[Row], int]]:
-    """Rows that are written together, and their bytes."""
+    """Yield groups of rows that are written together, and their sizes [bytes]."""
     group, used = list[Row](), 0
     for row, size in rows:
         if group and (len(group) == GROUP_ROWS or used + size > bytes_max):

@@ -1,4 +1,4 @@
-"""Colours of the vertices of a PLY file, as they are written: which range of numbers they have."""
+"""Range of the vertex colours in a PLY file."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ TYPES |= {
 TYPES |= {"int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8"}
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 COLOUR = re.compile(r"(.*_)?(r|g|b|red|green|blue)")
-MOST_LINES = 200  # of a header
-MOST_VERTICES = 2**32  # that the faces of a mesh can name
+HEADER_LINES_MAX = 200
+VERTICES_MAX = 2**32  # indices of faces have 32 bits
 
 
 class _Vertices(NamedTuple):
-    """How the vertices are written.
+    """Format of the vertices.
 
-    order : of the bytes, "" of text.  number : of vertices.  fields : name and type of each number of a vertex.
+    order : byte order; "" for text.  number : number of vertices.  fields : name and type of each number of a vertex.
     """
 
     order: str
@@ -38,10 +38,10 @@ class _Vertices(NamedTuple):
 
 
 def largest_colour(path: Path) -> float | None:
-    """The largest red, green or blue of all vertices.
+    """Return the largest red, green or blue of all vertices.
 
-    None where there are none, where the vertices do not come first or have lists, and where the
-    file is damaged: Mitsuba says so when it reads the mesh.
+    None without colours, if the vertices do not come first or contain lists, and for a damaged file, which Mitsuba
+    rejects when it reads the mesh.
     """
     with path.open("rb") as file:
         vertices = _header(file)
@@ -52,14 +52,14 @@ def largest_colour(path: Path) -> float | None:
             return None
         try:
             return float(_columns(file, vertices, names).max())
-        except ValueError:  # too few numbers, none at all, or what is no number
+        except ValueError:  # too few numbers, or no number
             return None
 
 
 def _header(file: IO[bytes]) -> _Vertices | None:
-    """The first element of the file, if these are its vertices."""
+    """Read the header; return the format of the vertices if they are the first element."""
     order, count, fields = "", -1, list[tuple[str, str]]()
-    for _ in range(MOST_LINES):
+    for _ in range(HEADER_LINES_MAX):
         match file.readline(1000).decode("ascii", "replace").split():
             case ["format", name, *_]:
                 order = ORDERS.get(name, "")
@@ -75,20 +75,17 @@ def _header(file: IO[bytes]) -> _Vertices | None:
                 return None
     else:
         return None
-    is_read = _skip_header(file) and 0 < count <= MOST_VERTICES
-    if is_read:
-        return _Vertices(order, count, fields)
-    return None
-
-
-def _skip_header(file: IO[bytes]) -> bool:
-    """Go to the first byte behind the header."""
     file.seek(0)
-    return any(file.readline(1000).strip() == b"end_header" for _ in range(MOST_LINES))
+    lines = (file.readline(1000).strip() for _ in range(HEADER_LINES_MAX))
+    return (
+        _Vertices(order, count, fields)
+        if b"end_header" in lines and 0 < count <= VERTICES_MAX
+        else None
+    )
 
 
 def _columns(file: IO[bytes], vertices: _Vertices, names: list[str]) -> Float64Array:
-    """The numbers of these names, (vertices, names). Raises ValueError for a damaged file."""
+    """Return the numbers of these names, shape (vertices, names). Raises ValueError for a damaged file."""
     if vertices.order:
         kind = np.dtype(vertices.fields)
         table = np.frombuffer(file.read(), kind, vertices.number)

@@ -1,4 +1,4 @@
-"""PNGs of pictures of 8 bits, as files and as bytes, and animated WebPs, which browsers show as a video."""
+"""PNGs of 8 bits, as files and as bytes, and animated WebPs, which browsers show as a video."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from .texts import plain_values
 
 NOTHING: Mapping[str, Any] = {}
 
-CAPTION_ROWS, CAPTION_MARGIN = 14, 2  # of a line, and left of it [pixels]
-QUALITY = 90
-LONGEST_MS = 2**24 - 1  # of a picture in a WebP
-NARROWEST_CAPTION = 72
-"""Columns [pixels]; narrower pictures are enlarged for a caption."""
+CAPTION_ROWS, CAPTION_MARGIN = 14, 2  # height of a line, and margin on its left [pixels]
+WEBP_QUALITY = 90
+WEBP_PERIOD_MAX_MS = 2**24 - 1
+CAPTION_COLUMNS_MIN = 72
+"""Narrower pictures are enlarged for a caption [pixels]."""
 
 
 def captioned(picture: np.ndarray, caption: str) -> np.ndarray:
-    """The picture above its caption in a black strip, in as many lines as it takes.
+    """Return the picture above its caption, whose lines are wrapped in a black strip.
 
-    One that is narrower than a text without blanks is enlarged by a whole number: each pixel becomes a square.
+    A picture that is narrower than a word is enlarged: each pixel becomes a square of pixels.
     """
     from PIL import Image, ImageDraw, ImageFont
 
     font, pieces = ImageFont.load_default(), caption.split()
     widest_piece = max(math.ceil(font.getlength(piece)) for piece in pieces)
     factor = math.ceil(
-        max(widest_piece + 2 * CAPTION_MARGIN, NARROWEST_CAPTION) / picture.shape[1]
+        max(widest_piece + 2 * CAPTION_MARGIN, CAPTION_COLUMNS_MIN) / picture.shape[1]
     )
     enlarged = picture.repeat(factor, axis=0).repeat(factor, axis=1)
     lines = _wrapped(pieces, font.getlength, enlarged.shape[1])
@@ -51,7 +51,7 @@ def captioned(picture: np.ndarray, caption: str) -> np.ndarray:
 def _wrapped(
     pieces: Sequence[str], width_of: Callable[[str], float], columns: int
 ) -> list[str]:
-    """Lines of texts between blanks that are no wider than so many columns [pixels] without the margins."""
+    """Join words to lines of at most ``columns`` pixels, margins included."""
     lines = [pieces[0]]
     for piece in pieces[1:]:
         longer = f"{lines[-1]} {piece}"
@@ -63,7 +63,7 @@ def _wrapped(
 
 
 def read_png(file: Path | BinaryIO, place: str) -> np.ndarray:
-    """The pixels of a PNG, (H, W) or (H, W, 3). Raises InputError.  place : of the file, for the message."""
+    """Return the pixels of a PNG, (H, W) or (H, W, 3). Raises InputError.  place : name of the file for messages."""
     from PIL import Image
 
     try:
@@ -71,18 +71,16 @@ def read_png(file: Path | BinaryIO, place: str) -> np.ndarray:
             return np.asarray(picture)
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         why = " ".join(str(error).split()).partition(" <")[0].rstrip(".") or "it is cut short"
-        raise InputError(
-            f"{place} is no picture that can be read: {why}; make it again."
-        ) from None
+        raise InputError(f"{place} cannot be read as a PNG: {why}; recreate it.") from None
 
 
 def write_png(path: Path, picture: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> None:
-    """An 8-bit preview, (H, W) grey or (H, W, 3) sRGB.  facts : what becomes text in it, each value as JSON."""
+    """Write an 8-bit picture, (H, W) grey or (H, W, 3) sRGB.  facts : text chunks, each value as JSON."""
     write_drawing(path, png(picture, facts))
 
 
 def png(picture: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> bytes:
-    """The same as the bytes of a file."""
+    """Return the bytes of the file that :func:`write_png` writes."""
     from PIL import Image, PngImagePlugin
 
     texts, content = PngImagePlugin.PngInfo(), io.BytesIO()
@@ -93,11 +91,11 @@ def png(picture: np.ndarray, facts: Mapping[str, Any] = NOTHING) -> bytes:
 
 
 def write_webp(path: Path, pictures: Sequence[np.ndarray], period_s: float) -> None:
-    """Pictures (H, W) grey or (H, W, 3) sRGB in a loop.  period_s : of each, in whole milliseconds."""
+    """Write pictures (H, W) grey or (H, W, 3) sRGB as a loop.  period_s : time of each, rounded to milliseconds."""
     from PIL import Image
 
     first, *others = (Image.fromarray(picture).convert("RGB") for picture in pictures)
-    content, period_ms = io.BytesIO(), min(max(round(period_s * 1000), 1), LONGEST_MS)
+    content, period_ms = io.BytesIO(), min(max(round(period_s * 1000), 1), WEBP_PERIOD_MAX_MS)
     first.save(
         content,
         format="WEBP",
@@ -105,6 +103,6 @@ def write_webp(path: Path, pictures: Sequence[np.ndarray], period_s: float) -> N
         append_images=others,
         duration=period_ms,
         loop=0,
-        quality=QUALITY,
+        quality=WEBP_QUALITY,
     )
     write_drawing(path, content.getvalue())

@@ -1,4 +1,4 @@
-"""Reads raw frames of any camera: TIFF, PNG, NumPy, FITS, DNG and camera raw, with what their metadata say."""
+"""Readers of raw frames of any camera, with their metadata: TIFF, PNG, NumPy, FITS, DNG and camera raw."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,41 +28,24 @@ from ..core.units import KELVIN_AT_0_C
 from .openexr import is_exr, require_plausible_exr
 from .tiff_checks import OF_RAW, require_all_pages, require_jpegs, require_segments
 
-TIFF, PICTURES, ARRAYS, FITS = (
-    (".tif", ".tiff"),
-    (".png",),
-    (".npy",),
-    (".fits", ".fit", ".fts"),
-)
 CAMERA_RAW = (
-    ".dng",
-    ".cr2",
-    ".cr3",
-    ".crw",
-    ".nef",
-    ".nrw",
-    ".arw",
-    ".raf",
-    ".rw2",
-    ".orf",
-    ".pef",
-    ".srw",
-    ".x3f",
+    *(".dng", ".cr2", ".cr3", ".crw", ".nef", ".nrw"),
+    *(".arw", ".raf", ".rw2", ".orf", ".pef", ".srw", ".x3f"),
 )
-RAW_FORMATS = (*TIFF, *PICTURES, *ARRAYS, *FITS, *CAMERA_RAW)
-LONGEST_LABEL = 100  # characters of a gain setting
-NO_TILE: tuple[tuple[str, ...], ...] = ()
+LABEL_CHARACTERS_MAX = 100
 EXTRA = "pip install 'mitsuba-sensor[raw]'"
+Tile: TypeAlias = tuple[tuple[str, ...], ...]
 
 
 @dataclass(frozen=True, eq=False)
 class RawFile:
-    """Frames of one file and what its metadata say; None and "" where they say nothing.
+    """Frames of one file and its metadata; None or "" for unknown values.
 
-    frames : (N, H, W), integers or floats [DN], the rows in the order of the file.
-    exposure_s [s], temperature_k of the sensor [K], gain : ISO speed or setting, bits : of the ADC.
-    tile : names of the colour filters in rows, from the first pixel on.
-    kind : ``bias``, ``dark``, ``flat`` or ``light``, of FITS headers.
+    frames : integers or floats [DN], shape (N, H, W), rows in the order of the file.
+    exposure_s : exposure time [s].  temperature_k : sensor temperature [K].
+    gain : ISO speed or gain setting.  bits : bits of the ADC.
+    tile : names of the colour filters in rows, from the first pixel.
+    kind : ``bias``, ``dark``, ``flat`` or ``light``, from FITS headers.
     """
 
     frames: NDArray[Any]
@@ -70,21 +53,16 @@ class RawFile:
     temperature_k: float | None = None
     gain: str = ""
     bits: int | None = None
-    tile: tuple[tuple[str, ...], ...] = ()
+    tile: Tile = ()
     kind: str = ""
 
 
 def read_raw(path: str | os.PathLike[str]) -> RawFile:
-    """The frames of one file.
-
-    Raises InputError for a file that cannot be read, and for pictures of several channels.
-    """
+    """Return the frames of one file. Raises InputError for unreadable files, and for pictures of several channels."""
     file = Path(path)
-    reader = next((one for suffixes, one in READERS if file.suffix.lower() in suffixes), None)
+    reader = READERS.get(file.suffix.lower())
     if reader is None:
-        raise InputError(
-            f"{file} is of a format that is not read; give one of {', '.join(RAW_FORMATS)}."
-        )
+        raise InputError(f"{file} has an unknown format; give one of {', '.join(RAW_FORMATS)}.")
 
     def read() -> RawFile:
         require_regular(file)
@@ -94,52 +72,40 @@ def read_raw(path: str | os.PathLike[str]) -> RawFile:
 
 
 def read_raw_tiff(file: Path | BinaryIO, place: str) -> RawFile:
-    """The frames of a TIFF, which may be bytes in memory. Raises InputError.  place : of it, for the message."""
+    """Return the frames of a TIFF, which may be bytes in memory. Raises InputError.  place : name for messages."""
     return _checked(place, partial(_tiff_of, file, place))
 
 
 def _checked(file: str, read: Callable[[], RawFile]) -> RawFile:
-    """What is read, if it is raw frames. Raises InputError.  file : for the message."""
+    """Return what ``read`` returns, if it is raw frames. Raises InputError.  file : name for messages."""
     try:
-        found = read()
+        raw = read()
     except (InputError, MemoryError):
         raise
     except Exception as error:  # foreign readers raise errors of every kind for broken files
-        why = (
-            getattr(error, "strerror", None)
-            or str(error).split("\n")[0]
-            or type(error).__name__
-        )
-        why = re.sub(r":? <[^<>]* at 0x[0-9a-f]+>", "", why)  # an object of the reader
+        why = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        why = re.sub(r":? <[^<>]* at 0x[0-9a-f]+>", "", why.split("\n")[0])  # names of objects
         raise InputError(
-            f"{file} cannot be read: {why.rstrip('.')}; leave it out, or copy it again."
+            f"{file} cannot be read: {why.rstrip('.')}; omit it, or copy it again."
         ) from error
-    frames = found.frames
+    frames = raw.frames
     if frames.ndim != 3 or frames.dtype.kind not in "uif" or not frames.size:
-        if frames.ndim > 3:
-            shape = frames.shape[1:]
-        else:
-            shape = frames.shape
+        shape = frames.shape[1:] if frames.ndim > 3 else frames.shape
         raise InputError(
-            f"{file} holds {frames.dtype} of shape {shape}; raw frames have one value per pixel."
+            f"{file} contains {frames.dtype} of shape {shape}; raw frames have one value per pixel."
         )
-    return found
+    return raw
 
 
 def _pages(values: NDArray[Any]) -> NDArray[Any]:
-    """(N, H, W) of (H, W) too."""
-    if values.ndim == 2:
-        return values[None]
-    return values
+    """Return (N, H, W) of (H, W)."""
+    return values[None] if values.ndim == 2 else values
 
 
-def _tiff(file: Path) -> RawFile:
-    return _tiff_of(file, str(file))
-
-
-def _tiff_of(file: Path | BinaryIO, place: str) -> RawFile:
+def _tiff_of(file: Path | BinaryIO, place: str = "") -> RawFile:
     import tifffile
 
+    place = place or str(file)
     with tifffile.TiffFile(file) as opened:
         first = opened.pages.first
         tags = {tag.name: tag.value for tag in first.tags}
@@ -155,17 +121,15 @@ def _tiff_of(file: Path | BinaryIO, place: str) -> RawFile:
         for page in (page for one in series for page in one.pages):
             require_segments(place, page)
         frames = _pages(series[0].asarray())
-        if len(series) > 1:  # pages that were written one by one
+        if len(series) > 1:  # pages that were written individually
             frames = np.concatenate([frames, *(_pages(one.asarray()) for one in series[1:])])
     facts = _own_facts(tags.get("ImageDescription"))
-    names: Mapping[int, str] = dict(enumerate("RGBCMYW"))
     pattern, size = tags.get("CFAPattern"), tags.get("CFARepeatPatternDim")
-    tile = NO_TILE
-    if facts.get("cfa_pattern"):
-        tile = _tile_of(facts["cfa_pattern"])
-    elif pattern is not None and size is not None:
+    tile = _tile_of(facts.get("cfa_pattern"))
+    if not tile and pattern is not None and size is not None:
         tile = tuple(
-            tuple(names[number] for number in row) for row in np.reshape(list(pattern), size)
+            tuple("RGBCMYW"[number] for number in row)
+            for row in np.reshape(list(pattern), size)
         )
     exposure_s, iso = _exif(tags)
     return RawFile(
@@ -179,7 +143,7 @@ def _tiff_of(file: Path | BinaryIO, place: str) -> RawFile:
 
 
 def _own_facts(description: object) -> dict[str, Any]:
-    """What this package writes into the description of a TIFF; empty for other programs' TIFFs."""
+    """Return the facts that this package writes to the description of a TIFF; {} for other TIFFs."""
     with suppress(ValueError):
         facts = json_value(str(description))
         if isinstance(facts, dict):
@@ -188,61 +152,45 @@ def _own_facts(description: object) -> dict[str, Any]:
 
 
 def _exif(tags: Mapping[str, Any]) -> tuple[float | None, str]:
-    """Exposure time [s] and ISO speed of EXIF tags."""
+    """Return exposure time [s] and ISO speed of EXIF tags."""
     exif = tags.get("ExifTag")
-    known = {**tags, **(exif if isinstance(exif, dict) else {})}
-    time, iso = (
-        known.get("ExposureTime"),
-        known.get("PhotographicSensitivity", known.get("ISOSpeedRatings")),
-    )
+    tags = {**tags, **(exif if isinstance(exif, dict) else {})}
+    time = tags.get("ExposureTime")
+    iso = tags.get("PhotographicSensitivity", tags.get("ISOSpeedRatings"))
+    exposure_s = None
     if isinstance(time, tuple) and len(time) == 2 and time[1]:
         exposure_s = time[0] / time[1]
-    else:
-        exposure_s = None
     return exposure_s, _label(iso[0] if isinstance(iso, tuple) and iso else iso)
 
 
 def _bits(white_level_dn: object) -> int | None:
     white = _not_negative(white_level_dn)
-    if white:
-        return math.ceil(math.log2(white + 1))
-    return None
+    return math.ceil(math.log2(white + 1)) if white else None
 
 
 def _not_negative(value: object) -> float | None:
-    """A number of metadata; None for what is none, which says nothing."""
+    """Return a number of metadata; None for other values and negative numbers."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         return None
-    if 0 <= value <= sys.float_info.max:
-        return float(value)
-    return None
+    return float(value) if 0 <= value <= sys.float_info.max else None
 
 
 def _label(value: object) -> str:
-    """The name or number of a setting in metadata; empty for what is neither."""
-    known = isinstance(value, str | int | float | np.integer | np.floating) and not isinstance(
-        value, bool
-    )
-    if known:
-        return str(value)[:LONGEST_LABEL]
-    return ""
+    """Return the name or number of a setting in metadata; "" for other values."""
+    if isinstance(value, bool) or not isinstance(
+        value, str | int | float | np.integer | np.floating
+    ):
+        return ""
+    return str(value)[:LABEL_CHARACTERS_MAX]
 
 
-def _tile_of(value: object) -> tuple[tuple[str, ...], ...]:
-    """Names of colour filters in metadata; empty for anything else."""
-    if isinstance(value, list):
-        rows = [row for row in value if isinstance(row, list)]
-    else:
-        rows = []
+def _tile_of(value: object) -> Tile:
+    """Return the names of colour filters in metadata; () for other values."""
+    rows = [row for row in value if isinstance(row, list)] if isinstance(value, list) else []
     names = [name for row in rows for name in row]
-    right = (
-        names
-        and len({len(row) for row in rows}) == 1
-        and all(isinstance(name, str) for name in names)
-    )
-    if right:
-        return tuple(tuple(row) for row in rows)
-    return NO_TILE
+    if not names or len({*map(len, rows)}) != 1 or not all(isinstance(x, str) for x in names):
+        return ()
+    return tuple(map(tuple, rows))
 
 
 def _png(file: Path) -> RawFile:
@@ -267,29 +215,27 @@ def _fits(file: Path) -> RawFile:
         from astropy.io import fits
     with fits.open(file) as opened:
         for one in opened:
-            sides = [
-                int(one.header[f"NAXIS{k}"])
-                for k in range(1, 1 + int(one.header.get("NAXIS", 0)))
-            ]
-            require_plausible(
-                file,
-                math.prod(sides) * abs(int(one.header.get("BITPIX", 8))) // 8 if sides else 0,
-            )
+            axes = range(1, 1 + int(one.header.get("NAXIS", 0)))
+            values = math.prod(int(one.header[f"NAXIS{k}"]) for k in axes) if axes else 0
+            require_plausible(file, values * abs(int(one.header.get("BITPIX", 8))) // 8)
         image = next(
             (one for one in opened if one.data is not None and np.ndim(one.data) in (2, 3)),
             None,
         )
         if image is None:
             raise InputError(
-                f"{file} holds no image; give a FITS file with frames of one value per pixel."
+                f"{file} contains no image; give a FITS file with frames of one value per pixel."
             )
         header = {**opened[0].header, **image.header}
-        values = np.asarray(image.data)
+        frames = np.asarray(image.data)
     pattern = _label(header.get("BAYERPAT", "")).strip().upper()
-    temperature_k = _kelvin(header.get("CCD-TEMP"))
+    celsius = header.get("CCD-TEMP")
+    temperature_k = None
+    if isinstance(celsius, int | float) and not isinstance(celsius, bool):
+        temperature_k = _not_negative(celsius + KELVIN_AT_0_C)
     kind = str(header.get("IMAGETYP", "")).lower().replace(" frame", "").strip()
     return RawFile(
-        _pages(values.astype(values.dtype.newbyteorder("="), copy=False)),
+        _pages(frames.astype(frames.dtype.newbyteorder("="), copy=False)),
         _not_negative(header.get("EXPTIME", header.get("EXPOSURE"))),
         temperature_k,
         _label(header.get("ISOSPEED", header.get("GAIN", ""))),
@@ -298,23 +244,19 @@ def _fits(file: Path) -> RawFile:
     )
 
 
-def _kelvin(celsius: object) -> float | None:
-    """A temperature of metadata [K]; None for what is none."""
-    if isinstance(celsius, bool) or not isinstance(celsius, int | float):
-        return None
-    return _not_negative(celsius + KELVIN_AT_0_C)
-
-
 def _camera_raw(file: Path) -> RawFile:
     with _needed("rawpy", file):
         import rawpy
-    _require_pixels(file)
+    import tifffile
+
+    with suppress(tifffile.TiffFileError), tifffile.TiffFile(file) as opened:
+        require_jpegs(file, opened)
     with rawpy.imread(os.fspath(file)) as raw:
         require_plausible(file, raw.sizes.raw_width * raw.sizes.raw_height * 2)
         image = raw.raw_image_visible
         if image is None or image.ndim != 2:
             raise InputError(f"{file} has several values per pixel; raw frames have one.")
-        pattern, tile = raw.raw_pattern, NO_TILE
+        pattern, tile = raw.raw_pattern, Tile()
         if pattern is not None and raw.num_colors > 1:
             rows, columns = pattern.shape
             names, numbers = raw.color_desc.decode(), raw.raw_colors_visible[:rows, :columns]
@@ -329,17 +271,9 @@ def _camera_raw(file: Path) -> RawFile:
         )
 
 
-def _require_pixels(file: Path) -> None:
-    """Raise InputError for a DNG that lacks pixels although LibRaw reports no error."""
-    import tifffile
-
-    with suppress(tifffile.TiffFileError), tifffile.TiffFile(file) as opened:
-        require_jpegs(file, opened)
-
-
 def require_plausible_picture(path: Path) -> None:
-    """Raise InputError for a texture whose header announces more pixels than the file can have; what is no picture is
-    left to its reader."""
+    """Raise InputError for a texture whose header announces more pixels than the file can contain. The renderer rejects
+    a file that is not a picture."""
     require_regular(path, "the picture")
     if not is_exr(path):
         require_plausible(path, _pixels_of_picture(path) * 4)
@@ -353,7 +287,7 @@ def require_plausible_picture(path: Path) -> None:
 
 
 def _pixels_of_picture(path: Path) -> int:
-    """By its header: 0 for what is no picture, and the least for one that Pillow takes for a bomb."""
+    """Return the pixels in the header; 0 for other files, and a lower limit for what Pillow calls a bomb."""
     from PIL import Image
 
     with warnings.catch_warnings():
@@ -369,28 +303,29 @@ def _pixels_of_picture(path: Path) -> int:
 
 @contextmanager
 def _needed(package: str, file: Path) -> Iterator[None]:
-    """A library that only these files need. Raises InputError with the command that installs it."""
+    """Import a library that only these files need. Raises InputError with the command that installs it."""
     try:
         yield
     except ImportError:
         raise InputError(
-            f"{file} is read by {package}, which is not installed; {EXTRA} installs it."
+            f"{file} needs {package}, which is not installed; run {EXTRA}."
         ) from None
 
 
-READERS: tuple[tuple[tuple[str, ...], Callable[[Path], RawFile]], ...] = (
-    (TIFF, _tiff),
-    (PICTURES, _png),
-    (ARRAYS, _npy),
-    (FITS, _fits),
-    (CAMERA_RAW, _camera_raw),
-)
+READERS: dict[str, Callable[[Path], RawFile]] = {
+    **dict.fromkeys((".tif", ".tiff"), _tiff_of),
+    ".png": _png,
+    ".npy": _npy,
+    **dict.fromkeys((".fits", ".fit", ".fts"), _fits),
+    **dict.fromkeys(CAMERA_RAW, _camera_raw),
+}
+RAW_FORMATS = tuple(READERS)
 
 
 def dng_tags(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The tags of a DNG by name: those of its first page, of its raw picture and of Exif; fractions as floats.
+    """Return the tags of a DNG by name, from its first page, its raw picture and Exif; fractions as floats.
 
-    Raises InputError for a file that is no DNG.
+    Raises InputError for other files.
     """
     import tifffile
 
@@ -409,7 +344,7 @@ def dng_tags(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _plain(tag: Any) -> Any:
-    """The value of a tag; numerators and denominators divided."""
+    """Return the value of a tag; numerators are divided by denominators."""
     value = tag.value
     if getattr(tag.dtype, "name", "") in ("RATIONAL", "SRATIONAL") and isinstance(value, tuple):
         pairs = np.asarray(value, np.float64).reshape(-1, 2)

@@ -1,22 +1,21 @@
-"""Copies of the scenes that ship with the package, to be changed."""
+"""Copies of included scenes for the user to change."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from ..core import InputError
-from .appearing import refuse_empty, require_folder, write_drawing
+from .appearing import require_folder, write_drawing
 from .disk_errors import disk_sentences
 from .scene_references import scene_references
 from .shipped_scenes import MOTION, scene_file
 
 
 def copy_scene(name: str, folder: str | Path, force: bool = False) -> list[Path]:
-    """Copy a scene, the files that it reads, and the motion of the same name; the copies, the scene first.
+    """Copy an included scene, the files that it reads, and its motion file; return the copies, the scene first.
 
-    force : write over files that are there and differ.  Raises InputError.
+    force : overwrite files that differ.  Raises InputError.
     """
-    refuse_empty(folder, "the folder", "give the name of a folder, e.g. my_scene")
     require_folder(folder)
     scene = scene_file(name)
     motion = scene.with_suffix(MOTION)
@@ -28,7 +27,7 @@ def copy_scene(name: str, folder: str | Path, force: bool = False) -> list[Path]
     for copy, content in contents.items():
         if copy.is_dir() or (copy.exists() and not force and copy.read_bytes() != content):
             raise InputError(
-                f"{copy} exists already and is not the same; --force writes over it, or give another folder."
+                f"{copy} exists already and differs; --force overwrites it, or give another folder."
             )
     with disk_sentences(Path(folder)):
         for copy in contents:

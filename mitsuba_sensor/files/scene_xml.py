@@ -1,4 +1,4 @@
-"""Elements of a Mitsuba scene file that say which files it reads, found by the XML parser of the standard library."""
+"""Elements of a Mitsuba scene file that name files, parsed by the standard library; limits of size and depth."""
 
 from __future__ import annotations
 
@@ -12,17 +12,20 @@ from ..core import InputError
 from ..core.small_files import require_small
 from .shipped_scenes import names_of_scenes
 
-MOST_BYTES = 2**27  # of a scene file
-DEEPEST = 24  # elements inside of one another: each `twosided` in another doubles the memory
-DEEPEST_INCLUDE = 15  # as in Mitsuba
-MOST_INCLUDED = 1000  # files, each as often as it is included
-MOST_ADDED = 2**22  # characters by which parameters may make the texts of a scene longer
-LONGEST_NAME = 255  # of a file, in most file systems
+SCENE_BYTES_MAX = 2**27
+DEPTH_MAX = 24  # each `twosided` in another one doubles the memory
+INCLUDE_DEPTH_MAX = 15  # as in Mitsuba
+INCLUDES_MAX = 1000
+ADDED_CHARACTERS_MAX = 2**22  # characters that parameters may add to the texts of a scene
+LONGEST_NAME = 255  # characters of a file name in most file systems
 
 
 class Element(NamedTuple):
-    """What matters of an element.  kind : default, include, path, file, text or type.  name : of a default.
-    value : with its parameters not yet put in.  line : in the file."""
+    """An element that may name a file.
+
+    kind : default, include, path, file, text or type.  name : name of a default or text.
+    value : value before its parameters are replaced.  line : line in the file.
+    """
 
     kind: str
     name: str
@@ -31,27 +34,26 @@ class Element(NamedTuple):
 
 
 class Expansion:
-    """The parameters of a scene, and how much longer they may still make its texts.
+    """The parameters of a scene, and the number of characters that they may still add.
 
-    A parameter whose value names another one twice doubles it, so lengths are counted before anything is put in.
-    used : names of those that were put in.
+    A parameter that names another one twice doubles its length, so lengths are counted before a text is replaced.
+    used : names of the parameters that were replaced.
     """
 
     def __init__(self, values: Mapping[str, str]) -> None:
-        self.values, self._left, self._files = dict(values), MOST_ADDED, 0
+        self.values, self._left, self._files = dict(values), ADDED_CHARACTERS_MAX, 0
         self.used = set[str]()
 
     def include(self, file: Path, depth: int) -> None:
-        """Count one more file. Raises InputError for too many, or too deep, ones."""
+        """Count an included file. Raises InputError if there are too many, or if they are nested too deeply."""
         self._files += 1
-        if depth > DEEPEST_INCLUDE or self._files > MOST_INCLUDED:
+        if depth > INCLUDE_DEPTH_MAX or self._files > INCLUDES_MAX:
             raise InputError(
-                f"{file} is included more than {DEEPEST_INCLUDE} deep, or more than {MOST_INCLUDED} times with other "
-                "files; flatten the scene."
+                f"{file} exceeds {INCLUDES_MAX} included files or {INCLUDE_DEPTH_MAX} levels; flatten the scene."
             )
 
     def put_in(self, value: str, where: str) -> str:
-        """Return a text with the parameters in place: longer names first, as Mitsuba puts them in."""
+        """Return a text with its parameters replaced, longer names first, as in Mitsuba."""
         if "$" not in value:
             return value
         for name in sorted(self.values, key=lambda name: (-len(name), name)):
@@ -61,58 +63,52 @@ class Expansion:
             self._left -= max(times * (len(self.values[name]) - len(name) - 1), 0)
             if self._left < 0:
                 raise InputError(
-                    f"{where}: parameters make the texts of the scene more than {MOST_ADDED} characters longer; "
-                    "give each parameter a plain value, which names no other parameter."
+                    f"{where}: parameters add more than {ADDED_CHARACTERS_MAX} characters to the scene; give each "
+                    "parameter a plain value, which names no other parameter."
                 )
             value = value.replace(f"${name}", self.values[name])
         return value
 
 
 def elements_of(path: Path) -> tuple[Element, ...]:
-    """Of a scene file, in its order. Raises InputError for what is no XML, too large, too deep, or has entities."""
-    require_small(path, "the scene file", MOST_BYTES)
+    """Return the elements of a scene file. Raises InputError for invalid, large or deep XML, and for entities."""
+    require_small(path, "the scene file", SCENE_BYTES_MAX)
     try:
         text = path.read_text("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(
             f"the scene file {path} is not UTF-8 text; save it in UTF-8."
         ) from None
-    found: list[Element] = []
-    _parse(
-        text,
-        path,
-        lambda tag, attributes, line: found.extend(_of_tag(tag, attributes, line)),
-        strict=True,
-    )
-    return tuple(found)
+    elements = list[Element]()
+    _parse(text, path, lambda *tag: elements.extend(_of_tag(*tag)), strict=True)
+    return tuple(elements)
 
 
 def require_scene_file(name: str) -> None:
-    """Raise InputError where there is no such file, a larger one, or one whose name Mitsuba cannot take."""
+    """Raise InputError for a missing or too large file, and for a name that Mitsuba cannot open."""
     path = Path(name)
     if not os.path.isfile(name):
         what = f"there is no file {name!r}"
         if os.path.exists(name):
-            what = f"{name!r} is a folder, or no plain file"
+            what = f"{name!r} is a folder or a special file"
         raise InputError(
             f"{what}; give the path of a Mitsuba 3 scene in XML, or {names_of_scenes(name)}"
         )
     try:
         str(path.absolute()).encode()
     except UnicodeEncodeError:
-        way_out = "Mitsuba opens no such file; rename it"
         raise InputError(
-            f"scene {name!r} has a name, or a folder, that is not UTF-8; {way_out}."
+            f"scene {name!r} has a path that is not UTF-8, which Mitsuba cannot open; rename it."
         ) from None
-    require_small(path, "the scene file", MOST_BYTES)
+    require_small(path, "the scene file", SCENE_BYTES_MAX)
 
 
 def require_bounded(
     text: str, path: Path, values: Mapping[str, str], resolve: Callable[[str], str]
 ) -> None:
-    """Raise InputError for a scene that is nested too deep, or becomes too large by its parameters and includes.
+    """Raise InputError for a scene that is nested too deeply, or that parameters and includes make too large.
 
-    values : of the parameters that are given.  resolve : finds an included file, as Mitsuba does.
+    values : values of the given parameters.  resolve : function that finds an included file as Mitsuba does.
     """
     expansion, folders = Expansion(values), [path.resolve().parent]
 
@@ -121,23 +117,23 @@ def require_bounded(
         has_parameters = "$" in text
 
         def tell(tag: str, attributes: Mapping[str, str], line: int) -> None:
-            put_in = attributes
             if has_parameters:
                 where = f"{file}, line {line}"
-                put_in = {name: expansion.put_in(x, where) for name, x in attributes.items()}
+                attributes = {
+                    name: expansion.put_in(x, where) for name, x in attributes.items()
+                }
             if tag == "default":
-                expansion.values.setdefault(put_in.get("name", ""), put_in.get("value", ""))
+                name, value = attributes.get("name", ""), attributes.get("value", "")
+                expansion.values.setdefault(name, value)
             elif tag == "path":
-                folders.append(folders[0] / put_in.get("value", ""))
+                folders.append(folders[0] / attributes.get("value", ""))
             elif tag == "include":
-                name = put_in.get("filename", "")
+                name = attributes.get("filename", "")
                 places = [Path(resolve(name)), *(folder / name for folder in folders)]
                 inner = next((place for place in places if place.is_file()), None)
-                if inner is not None:  # else Mitsuba says so
-                    require_small(inner, "the scene file", MOST_BYTES)
-                    follow(
-                        inner.read_text(encoding="utf-8", errors="replace"), inner, depth + 1
-                    )
+                if inner is not None:  # else Mitsuba reports it
+                    require_small(inner, "the scene file", SCENE_BYTES_MAX)
+                    follow(inner.read_text("utf-8", "replace"), inner, depth + 1)
 
         _parse(text, file, tell, strict=False)
 
@@ -147,16 +143,16 @@ def require_bounded(
 def _parse(
     text: str, path: Path, tell: Callable[[str, Mapping[str, str], int], None], strict: bool
 ) -> None:
-    """Call ``tell`` for every element.  strict : whether what is no XML raises InputError."""
+    """Call ``tell`` for every element.  strict : raise InputError for invalid XML."""
     parser, depth = expat.ParserCreate("utf-8"), 0
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal depth
         depth += 1
-        if depth > DEEPEST:
+        if depth > DEPTH_MAX:
             line = parser.CurrentLineNumber
             raise InputError(
-                f"{path}, line {line}: elements are nested more than {DEEPEST} deep; flatten the scene."
+                f"{path}, line {line}: elements are nested more than {DEPTH_MAX} deep; flatten the scene."
             )
         tell(tag, attributes, parser.CurrentLineNumber)
 
@@ -166,7 +162,7 @@ def _parse(
 
     def document_type(*_: object) -> None:
         raise InputError(
-            f"{path} has a <!DOCTYPE>, which Mitsuba does not read; remove it and its entities."
+            f"{path} has a <!DOCTYPE>, which Mitsuba rejects; remove it and its entities."
         )
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
@@ -175,28 +171,26 @@ def _parse(
         parser.Parse(text.encode("utf-8", "replace"), True)
     except expat.ExpatError as error:
         if strict:
-            raise InputError(f"{path} is no valid XML: {error}; correct it.") from None
+            raise InputError(f"{path} is not valid XML: {error}; correct it.") from None
 
 
 def _of_tag(tag: str, attributes: Mapping[str, str], line: int) -> list[Element]:
-    """What matters of one element."""
-    value, named = attributes.get("value", ""), attributes.get("filename")
+    """Return what one XML element says about files."""
+    name, value = attributes.get("name", ""), attributes.get("value", "")
     if tag == "default":
-        return [Element("default", attributes.get("name", ""), value, line)]
+        return [Element("default", name, value, line)]
     if tag == "include":
-        return [Element("include", "", named or "", line)]
+        return [Element("include", "", attributes.get("filename", ""), line)]
     if tag == "path":
         return [Element("path", "", value, line)]
-    if named is None:
-        found = []
-    else:
-        found = [Element("file", "", named, line)]
+    elements = list[Element]()
+    if "filename" in attributes:
+        elements.append(Element("file", "", attributes["filename"], line))
     if tag == "string" and value:
-        kind = "text"
-        if attributes.get("name") == "filename":
-            kind = "file"
-        short = kind == "file" or (len(value) <= LONGEST_NAME and "\n" not in value)
-        found += [Element(kind, attributes.get("name", ""), value, line)] if short else []
+        if name == "filename":
+            elements.append(Element("file", name, value, line))
+        elif len(value) <= LONGEST_NAME and "\n" not in value:
+            elements.append(Element("text", name, value, line))
     if "type" in attributes:
-        found.append(Element("type", "", attributes["type"], line))
-    return found
+        elements.append(Element("type", "", attributes["type"], line))
+    return elements

@@ -1,4 +1,4 @@
-"""Writes TIFFs of raw frames, one page per frame, nothing scaled."""
+"""TIFFs of raw frames, one page per frame, unscaled."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ NOTHING: Facts = {}
 
 TIFF_TYPES = "uint8", "uint16", "uint32", "float32"
 TiffTag: TypeAlias = tuple[int, int, int, Any, bool]
-"""Code, type, count, value, whether on the first page only."""
-LARGEST_TIFF = 2**32 - 2**25
-"""Bytes of pixels; more become a BigTIFF."""
-CFA_COLOURS = "rgb"  # numbers 0, 1, 2 in the CFAPattern of TIFF/EP
+"""Code, type, count, value, and whether the tag is on the first page only."""
+TIFF_BYTES_MAX = 2**32 - 2**25
+"""Largest size of pixels; more become a BigTIFF."""
+CFA_COLOURS = "rgb"  # 0, 1, 2 in the CFAPattern of TIFF/EP
 TIFF_BYTE, TIFF_ASCII, TIFF_SHORT, TIFF_LONG = 1, 2, 3, 4  # types of tags
 PAGE_NAME = 285
 READOUTS = "readouts.tiff"
 BOTH_HALVES = "left and right"
-"""The page of a frame of dual pixels."""
+"""Name of the page of a frame of dual pixels."""
 COMBINED = ("combined", "companded", BOTH_HALVES)
-"""Pages that are no read-out."""
+"""Names of pages that are not a single readout."""
 
 
 def write_tiff(
     path: str | os.PathLike[str], frames: np.ndarray, facts: Facts = NOTHING
 ) -> None:
-    """Raw digital numbers (N, H, W), unsigned 8, 16 or 32 bit or float32, one page per frame, nothing scaled.
+    """Write raw digital numbers (N, H, W), unsigned 8, 16 or 32 bit or float32, one page per frame, unscaled.
 
     ::
 
         frames = ms.expose(photons, camera, exposure)
         ms.write_tiff("frame.tiff", frames.digital)
 
-    Raises InputError for any other array, and for what the disk refuses.
-    facts : ``image`` of frame.json; as JSON in the description, and black level, white level and the pattern of red,
-        green and blue filters in the tags of TIFF/EP and DNG too.
+    Raises InputError for any other array, and for errors of the disk.
+    facts : ``image`` of frame.json, written as JSON to the description; black level, white level and an RGB pattern
+        also go to the tags of TIFF/EP and DNG.
     """
     content_tags = _checked_tags(frames, facts)
     with appearing(Path(path), frames.nbytes) as temporary:
@@ -54,7 +54,7 @@ def write_tiff(
 
 
 def tiff_bytes(frames: np.ndarray, facts: Facts = NOTHING) -> bytes:
-    """The bytes of the file that :func:`write_tiff` writes. Raises InputError."""
+    """Return the bytes of the file that :func:`write_tiff` writes. Raises InputError."""
     text, tags = _checked_tags(frames, facts)
     content = io.BytesIO()
     _write_to(content, frames, text, tags)
@@ -62,7 +62,7 @@ def tiff_bytes(frames: np.ndarray, facts: Facts = NOTHING) -> bytes:
 
 
 def _checked_tags(frames: np.ndarray, facts: Facts) -> tuple[bytes | None, list[TiffTag]]:
-    """The description and the tags of a TIFF. Raises InputError for frames that it cannot hold."""
+    """Return the description and the tags of a TIFF. Raises InputError for unsupported frames."""
     refuse_masked("frames", frames)
     refuse_path("frames", frames, "the path is the first argument: write_tiff(path, frames)")
     if (
@@ -73,7 +73,7 @@ def _checked_tags(frames: np.ndarray, facts: Facts) -> tuple[bytes | None, list[
         given = f"{getattr(frames, 'dtype', type(frames).__name__)} of shape {getattr(frames, 'shape', ())}"
         if hasattr(frames, "digital"):
             raise InputError(
-                "frames is what expose returns; pass its raw frames: frames.digital."
+                "frames is the result of expose; pass its raw frames: frames.digital."
             )
         raise InputError(
             f"frames is {given}; pass (H, W) or (N, H, W) of {', '.join(TIFF_TYPES)}."
@@ -88,10 +88,9 @@ def _checked_tags(frames: np.ndarray, facts: Facts) -> tuple[bytes | None, list[
 def write_pages(
     path: Path, frames: np.ndarray, text: bytes | None, tags: Sequence[TiffTag]
 ) -> None:
-    """A TIFF of frames (H, W) or (N, H, W) with a description and tags. Raises OSError.
+    """Write a TIFF of frames (H, W) or (N, H, W) with a description and tags. Raises OSError.
 
-    Every byte passes through Python: NumPy's own way into a file (tofile) does not say when the disk has no place for
-    the last ones.
+    Every byte passes through Python, because NumPy's tofile does not report a full disk for the last bytes.
     """
     with io.BufferedWriter(_NoTofile(path, "wb")) as file:
         _write_to(file, frames, text, tags)
@@ -102,7 +101,7 @@ def _write_to(
 ) -> None:
     import tifffile
 
-    large = frames.nbytes > LARGEST_TIFF
+    large = frames.nbytes > TIFF_BYTES_MAX
     with tifffile.TiffWriter(file, bigtiff=large, byteorder="<") as tiff:
         for page in frames.reshape(-1, *frames.shape[-2:]):
             tiff.write(
@@ -121,11 +120,9 @@ def write_named_pages(
     pages: Sequence[tuple[str, np.ndarray]],
     pattern: Sequence[Sequence[str]] | None,
 ) -> None:
-    """A TIFF of pages (H, W) of any unsigned type, each with its PageName.
+    """Write a TIFF of pages (H, W) of any unsigned type, each with its PageName. Raises InputError and DiskFull.
 
-    pattern : names of colour filters, of all pages.
-
-    Raises InputError for what the disk refuses.
+    pattern : names of the colour filters of all pages.
     """
     import tifffile
 
@@ -133,7 +130,7 @@ def write_named_pages(
     with (
         appearing(path, size) as temporary,
         io.BufferedWriter(_NoTofile(temporary, "wb")) as file,
-        tifffile.TiffWriter(file, bigtiff=size > LARGEST_TIFF, byteorder="<") as tiff,
+        tifffile.TiffWriter(file, bigtiff=size > TIFF_BYTES_MAX, byteorder="<") as tiff,
     ):
         for name, page in pages:
             tags = [(PAGE_NAME, TIFF_ASCII, 0, name, False), *cfa_tags(pattern)]
@@ -146,8 +143,8 @@ def write_named_pages(
             )
 
 
-def read_named_pages(path: Path) -> list[tuple[str, np.ndarray]]:
-    """Its inverse: name and pixels of every page. Raises InputError for a file that is damaged or not such."""
+def _read_named_pages(path: Path) -> list[tuple[str, np.ndarray]]:
+    """Return name and pixels of every page. Raises InputError for damaged and other files."""
     import tifffile
 
     try:
@@ -157,19 +154,19 @@ def read_named_pages(path: Path) -> list[tuple[str, np.ndarray]]:
             return [(str(page.tags[PAGE_NAME].value), page.asarray()) for page in pages]
     except Exception as error:  # tifffile raises errors of every kind for broken files
         raise InputError(
-            f"{path} cannot be read as pages with names ({type(error).__name__}); make it again."
+            f"{path} cannot be read as named pages ({type(error).__name__}); recreate it."
         ) from None
 
 
 class _NoTofile(io.FileIO):
-    """A file to which NumPy does not write past Python."""
+    """A file to which NumPy cannot write directly."""
 
     def fileno(self) -> int:
         raise io.UnsupportedOperation
 
 
 def _raw_tags(facts: Facts) -> list[TiffTag]:
-    """(code, type, count, value, first page only) of BlackLevel, WhiteLevel, CFARepeatPatternDim and CFAPattern."""
+    """Return the tags BlackLevel, WhiteLevel, CFARepeatPatternDim and CFAPattern."""
     tags: list[TiffTag] = [
         (50714, TIFF_LONG, 1, round(facts["black_level_dn"]), False),
         (50717, TIFF_LONG, 1, facts["white_level_dn"], False),
@@ -178,7 +175,7 @@ def _raw_tags(facts: Facts) -> list[TiffTag]:
 
 
 def cfa_tags(pattern: Sequence[Sequence[str]] | None) -> list[TiffTag]:
-    """CFARepeatPatternDim and CFAPattern of rows of filter names, if all of them are red, green or blue."""
+    """Return CFARepeatPatternDim and CFAPattern of rows of filter names; [] unless all are red, green or blue."""
     names = np.array(pattern or [[]])
     initials = [name[:1].lower() for name in names.ravel()]
     if not initials or not set(initials) <= set(CFA_COLOURS):
@@ -191,13 +188,13 @@ def cfa_tags(pattern: Sequence[Sequence[str]] | None) -> list[TiffTag]:
 
 
 def page_name(frame: int, readout: str) -> str:
-    """Of the page of one read-out, or of what they were combined to."""
+    """Return the name of the page of one readout, or of the combined frame."""
     return f"frame {frame}, {readout}"
 
 
 def read_readouts(path: Path) -> dict[str, np.ndarray]:
-    """The pages of each name, (N, H, W). Raises InputError for what cannot be read."""
-    found = dict[str, list[np.ndarray]]()
-    for name, page in read_named_pages(path):
-        found.setdefault(name.partition(", ")[2], []).append(page)
-    return {name: np.stack(pages) for name, pages in found.items()}
+    """Return the pages of each name, shape (N, H, W). Raises InputError."""
+    readouts = dict[str, list[np.ndarray]]()
+    for name, page in _read_named_pages(path):
+        readouts.setdefault(name.partition(", ")[2], []).append(page)
+    return {name: np.stack(pages) for name, pages in readouts.items()}

@@ -1,4 +1,4 @@
-"""What a TIFF or DNG lacks though its reader delivers values there: pages, strips, tiles and lossless JPEGs."""
+"""Checks for missing pages, strips, tiles and lossless JPEGs, for which readers of TIFF and DNG invent values."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
 DNG_VERSION = 50706  # tag
 LOSSLESS_JPEG = 7  # compression of a TIFF
 OF_RAW = (32803, 34892)  # photometric interpretation: colour filter array, linear raw
-LONGEST_JPEG_HEADER = 2**16
+JPEG_HEADER_BYTES_MAX = 2**16
 JPEG_FRAMES = range(0xC0, 0xC4)
 HUFFMAN_TABLES, START_OF_SCAN = 0xC4, 0xDA
 
 
 def require_all_pages(place: str, opened: tifffile.TiffFile) -> None:
-    """Raise InputError where the chain of pages leads beyond the end of the file."""
+    """Raise InputError if the chain of pages leads beyond the end of the file."""
     pages, end = len(opened.pages), opened.pages.next_page_offset
     if end is None:
         return
@@ -30,17 +30,17 @@ def require_all_pages(place: str, opened: tifffile.TiffFile) -> None:
 
 
 def require_segments(place: str, page: tifffile.TiffPage | tifffile.TiffFrame | None) -> None:
-    """Raise InputError for strips and tiles that are not in the file, which the reader takes for 0."""
+    """Raise InputError for strips and tiles that are not in the file, which the reader sets to 0."""
     lengths = [] if page is None or page.is_contiguous else page.databytecounts
     if page is None or 0 in (*page.dataoffsets, *lengths):
         raise InputError(
-            f"{place} lacks pixels: some of its strips or tiles are empty; leave it out, or copy it again."
+            f"{place} lacks pixels, because strips or tiles are empty; omit it, or copy it again."
         )
 
 
 def require_jpegs(file: Path, opened: tifffile.TiffFile) -> None:
-    """Raise InputError where a lossless JPEG of a DNG lacks pixels of its tile, or of the picture: LibRaw reads one
-    strip and leaves memory as it was where it decodes nothing."""
+    """Raise InputError if a lossless JPEG of a DNG lacks pixels of its tile or of the picture: LibRaw reads only one
+    strip, and returns uninitialised memory if it decodes nothing."""
     if DNG_VERSION not in opened.pages.first.tags:
         return
     for page in [one for parent in opened.pages for one in (parent, *(parent.pages or ()))]:
@@ -56,16 +56,16 @@ def require_jpegs(file: Path, opened: tifffile.TiffFile) -> None:
             start = b""
             if number < len(page.dataoffsets):
                 opened.filehandle.seek(page.dataoffsets[number])
-                start = opened.filehandle.read(LONGEST_JPEG_HEADER)
+                start = opened.filehandle.read(JPEG_HEADER_BYTES_MAX)
             if _jpeg_samples(start) < pixels * page.samplesperpixel:
                 raise InputError(
-                    f"{file} has no whole picture at row {top}, column {left}, where a lossless JPEG of {pixels} "
-                    "pixels belongs; copy it again, or convert it with Adobe's DNG converter."
+                    f"{file} has no complete lossless JPEG of {pixels} pixels at row {top}, column {left}; copy it "
+                    "again, or convert it with Adobe's DNG Converter."
                 )
 
 
 def _jpeg_samples(start: bytes) -> int:
-    """How many samples a JPEG has that begins so; 0 without frame, Huffman tables or a scan (ITU-T T.81, B.1.1)."""
+    """Return the samples of a JPEG by its start; 0 without frame, Huffman tables or scan (ITU-T T.81, B.1.1)."""
     samples, has_tables, place = 0, False, 2
     while start[:2] == b"\xff\xd8" and start[place : place + 1] == b"\xff":
         marker = int.from_bytes(start[place + 1 : place + 2], "big")

@@ -1,7 +1,7 @@
-"""Arrays that are kept from one run of the program to the next, in the user's cache folder.
+"""Arrays in the user's cache folder, kept from one run of the program to the next.
 
-What is kept there can be made again at any time: a folder that cannot be written is no error, nor is a user without a
-home, and a file that cannot be read counts as missing.
+They can be recreated at any time, so an unwritable folder or a user without a home is not an error, and an unreadable
+file is treated as missing.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ FOLDER = "mitsuba-sensor"
 
 
 def cache_folder() -> Path:
-    """``$XDG_CACHE_HOME/mitsuba-sensor``, else ``~/.cache/mitsuba-sensor``.
+    """Return ``$XDG_CACHE_HOME/mitsuba-sensor``, or ``~/.cache/mitsuba-sensor`` if the variable is no absolute path.
 
-    A relative path counts as none, as XDG says. Raises RuntimeError for a user without a home.
+    Raises RuntimeError for a user without a home.
     """
     base = Path(os.environ.get("XDG_CACHE_HOME", ""))
     if not base.is_absolute():
@@ -32,12 +32,12 @@ def cache_folder() -> Path:
 
 
 def kept_file(name: str) -> Path:
-    """The file of what is kept under a name."""
+    """Return the file of a name in the cache."""
     return cache_folder() / f"{name}.npz"
 
 
 def read_kept(name: str) -> dict[str, np.ndarray] | None:
-    """The arrays that were kept under a name; None where there are none."""
+    """Return the arrays that were kept under a name, or None."""
     try:
         return read_arrays(kept_file(name))
     except (OSError, RuntimeError, ValueError, InputError):
@@ -45,7 +45,7 @@ def read_kept(name: str) -> dict[str, np.ndarray] | None:
 
 
 def keep(name: str, arrays: Mapping[str, np.ndarray]) -> None:
-    """Keep arrays under a name, where the folder can be written."""
+    """Keep arrays under a name, if the folder is writable."""
     with suppress(OSError, RuntimeError, InputError):
         file = kept_file(name)
         make_lasting(file.parent)

@@ -1,6 +1,6 @@
-"""A folder with many files in it that appears whole or not at all; nothing is written outside of it.
+"""A folder of many files that appears whole or not at all; nothing is written outside it.
 
-A file that lists what is in it says that the folder is ours: another one is never replaced.
+Its file LISTING marks it as an export; a folder without LISTING is never replaced.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from .disk_errors import disk_sentences, names_in
 from .texts import to_json
 
 LISTING = "files.json"
-LONGEST_LISTING = 2**28
-"""Bytes: more than a million files have."""
+LISTING_BYTES_MAX = 2**28
+"""Enough for more than a million files."""
 
 
 @contextmanager
 def appearing_folder(path: Path, force: bool, facts: Mapping[str, Any]) -> Iterator[Path]:
-    """Yield a new folder beside ``path``, which becomes ``path`` when the block ends well, and vanishes when not.
+    """Yield a new folder beside ``path``, which becomes ``path`` if the block succeeds, and is removed if not.
 
-    force : replace a folder that this function has made before, with nothing else in it.
-    facts : what LISTING says beside the size and SHA-256 of each file.
-    Raises InputError before the block if ``path`` is something else, and DiskFull.
+    force : replace a folder that this function has made, if it contains no other files.
+    facts : entries of LISTING beside the size and SHA-256 of each file.
+    Raises InputError before the block if ``path`` is occupied, and DiskFull.
     """
     refuse_empty(path, "-o", "give the name of a folder, e.g. -o export")
     _require_free(path, force)
@@ -45,7 +45,8 @@ def appearing_folder(path: Path, force: bool, facts: Mapping[str, Any]) -> Itera
             with names_in(path, scratch):
                 yield scratch
                 listed = {
-                    name: durable.size_and_hash(scratch / name) for name in files_below(scratch)
+                    name: ((scratch / name).stat().st_size, durable.sha256_of(scratch / name))
+                    for name in files_below(scratch)
                 }
                 listing = to_json({**facts, "files": listed}).encode()
                 durable.write_lasting(scratch / LISTING, [listing, b"\n"])
@@ -61,7 +62,7 @@ def appearing_folder(path: Path, force: bool, facts: Mapping[str, Any]) -> Itera
 
 
 def inside(folder: Path, name: str) -> Path:
-    """The place of a file in ``folder``; its own folder is made. Raises InputError for a name that leads elsewhere."""
+    """Return the path of a file in ``folder``, and make its parents. Raises InputError for other places."""
     parts = PurePosixPath(name).parts
     strange = (
         any(part == ".." or part.startswith(".") for part in parts)
@@ -70,7 +71,7 @@ def inside(folder: Path, name: str) -> Path:
     )
     if strange or PurePosixPath(name).is_absolute() or any(letter in name for letter in "\\:"):
         raise InputError(
-            f"{name!r} is no name of a file in an export; give one without .., :, \\ and a leading / or dot."
+            f"file name {name!r} is not allowed in an export; give one without .., :, \\ and a leading / or dot."
         )
     place = folder.joinpath(*parts)
     with disk_sentences(place):
@@ -79,49 +80,45 @@ def inside(folder: Path, name: str) -> Path:
 
 
 def files_below(folder: Path) -> list[str]:
-    """Names of all files below a folder, relative to it, with /, sorted; LISTING aside."""
-    found = (
+    """Return the names of all files below a folder except LISTING, relative to it, with /, sorted."""
+    names = (
         place.relative_to(folder).as_posix()
         for place in folder.rglob("*")
         if not place.is_dir()
     )
-    return sorted(name for name in found if name != LISTING)
+    return sorted(name for name in names if name != LISTING)
 
 
 def _require_free(path: Path, force: bool) -> None:
-    """Raise InputError unless nothing stands at ``path``, or a folder of ours that may be replaced."""
+    """Raise InputError unless ``path`` is free, or an export that may be replaced."""
     if not os.path.lexists(path) or (
         path.is_dir() and not path.is_symlink() and not any(path.iterdir())
     ):
         return
     if path.is_symlink() or not path.is_dir():
-        raise InputError(f"{path} exists and is no folder; give another name.")
-    known = _listed(path)
-    if known is None:
-        raise InputError(f"{path} exists and was not exported; give the name of a new folder.")
+        raise InputError(f"{path} exists and is not a folder; give another name.")
+    listed = _listed(path)
+    if listed is None:
+        raise InputError(f"{path} exists and is not an export; give the name of a new folder.")
     if not force:
         raise InputError(f"{path} exists already; --force replaces it, or give another name.")
-    if strange := sorted(set(files_below(path)) - known):
+    if others := sorted(set(files_below(path)) - listed):
         raise InputError(
-            f"{path} has {strange[0]}, which was not exported; move it away, or give another name."
+            f"{path} contains {others[0]}, which is not part of the export; move it, or give another name."
         )
 
 
 def _listed(path: Path) -> set[str] | None:
-    """The files that a folder of ours had, None if it is none."""
-    with suppress(OSError, ValueError, RecursionError):
-        listing = path / LISTING
-        if listing.stat().st_size <= LONGEST_LISTING:
-            found = json.loads(listing.read_bytes())
-        else:
-            found = None
-        if isinstance(found, dict) and isinstance(found.get("files"), dict):
-            return set(found["files"])
+    """Return the files that LISTING names; None if the folder has no valid LISTING."""
+    with suppress(ValueError, RecursionError, KeyError, TypeError):
+        return set(
+            dict(json.loads(durable.read_small(path / LISTING, LISTING_BYTES_MAX))["files"])
+        )
     return None
 
 
 def _publish(scratch: Path, path: Path, force: bool) -> None:
-    """Rename the scratch folder; what it replaces is moved away first, and back if that fails."""
+    """Rename the scratch folder to ``path``; an older folder moves away first, and back if this fails."""
     older = durable.scratch_name(path.parent)
     _require_free(path, force)
     if path.is_dir():

@@ -1,4 +1,4 @@
-"""What a process printed while it made something: kept beside the result for the one that watches it, if it dies."""
+"""Standard error of a worker process, kept in a file so its parent can report why the worker died."""
 
 from __future__ import annotations
 
@@ -13,18 +13,20 @@ from .disk_errors import disk_sentences
 from .durable import SCRATCH, make_lasting
 
 _OPEN: list[Path] = []
-"""Logs that this process writes."""
+"""Logs that this process is writing."""
 
 
 def place_of(folder: Path, name: str) -> Path:
-    """Where the log of something is while it is made in a folder."""
+    """Return the path of the log of a task in a folder."""
     return folder / f"{SCRATCH}{name}.log"
 
 
 @contextmanager
 def captured(path: Path, capture: bool) -> Iterator[None]:
-    """What is printed on stderr meanwhile goes into a file, also what libraries print, and where the process was if it
-    dies of a signal of its own.  capture : whether it does. Raises DiskFull and InputError."""
+    """Write stderr to a file during the block, with output of libraries and the stack of a crash, if ``capture``.
+
+    Raises DiskFull and InputError.
+    """
     if not capture:
         yield
         return
@@ -48,18 +50,18 @@ def captured(path: Path, capture: bool) -> Iterator[None]:
 
 
 def forget_open() -> None:
-    """Remove the logs of this process, which is about to end because nobody watches it any more."""
+    """Remove the logs of this process, which is about to end because its parent is gone."""
     for path in _OPEN:
         forget(path)
 
 
 def end_of(path: Path, most: int) -> str:
-    """The last bytes of a log, which goes; an empty text where there is none."""
-    said = b""
+    """Return the last ``most`` bytes of a log as text, and remove the log; "" without a log."""
+    end = b""
     with suppress(OSError):
-        said = path.read_bytes()[-most:]
+        end = path.read_bytes()[-most:]
     forget(path)
-    return said.decode("utf-8", "replace")
+    return end.decode("utf-8", "replace")
 
 
 def forget(path: Path) -> None:
@@ -69,5 +71,5 @@ def forget(path: Path) -> None:
 
 
 def first_line(log: str) -> str:
-    """The first line of a log that says anything."""
+    """Return the first line of a log that is not blank."""
     return next((line.strip() for line in log.splitlines() if line.strip()), "")

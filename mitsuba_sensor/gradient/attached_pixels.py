@@ -1,4 +1,4 @@
-"""Codes of pixels as a part of somebody else's graph of derivatives, which goes from a scene to mean photoelectrons."""
+"""Codes of pixels in an external graph of derivatives that leads from a scene to mean photoelectrons."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from .law_slopes import (
 
 @dataclass(frozen=True, eq=False)
 class AttachedPixels:
-    """The pixels of one camera in some light.
+    """The pixels of a camera in given light.
 
-    frame : conditions and place, on NumPy.  light_e : mean photoelectrons, a variable of the graph, (H·W).
-    changes : by name, a variable of the graph minus its value.  of_light : names on which the light depends, too.
+    frame : exposure and window, on NumPy.  light_e : mean photoelectrons, a variable of the graph, shape (H·W,).
+    changes : name → variable of the graph minus its value.  of_light : names that also change the light.
     """
 
     camera: Camera
@@ -51,32 +51,32 @@ class AttachedPixels:
         of_light: Collection[str],
         backend: str,
     ) -> AttachedPixels:
-        """Raises InputError for a camera with several read-outs, and for pixels that give light to each other."""
-        refuse_readouts(camera, "derivatives are those of one read-out")
+        """Return the pixels. Raises InputError for a camera with several readouts or coupled pixels."""
+        refuse_readouts(camera, "derivatives need a single readout")
         for stage in camera.stages:
             if stage.reach_px or (isinstance(stage, Detector) and stage.light_reach_px):
                 raise InputError(
-                    f"{stage.label} couples neighbouring pixels, and light has no derivative through it; "
-                    f"compute differences of frames, or {stage.no_noise or 'take the camera without that stage'}."
+                    f"light has no derivative through {stage.label}, which couples neighbouring pixels; compute "
+                    f"differences of frames, or {stage.no_noise or 'use the camera without this stage'}."
                 )
         return cls(camera, frame.on(NUMPY_FLOAT64), light_e, changes, of_light, backend)
 
     @property
     def highest(self) -> int:
-        """The largest code."""
+        """Full-scale code."""
         return converter_of(self.stages).highest
 
     @property
     def stages(self) -> Chain:
-        """The chain of the camera."""
+        """Chain of the camera."""
         return self.camera.stages
 
     def expected(self) -> Array:
-        """Expected codes, (H·W)."""
+        """Return the expected codes, shape (H·W,)."""
         return self._slopes(mean_and_variance).attached(self.light_e, self.changes)
 
     def sampled(self, seed: int) -> Array:
-        """Codes of the first frame of a seed, (H·W)."""
+        """Return the codes of the first frame of a seed, shape (H·W,)."""
         backend = DrJitBackend(self.backend, differentiable=True)
         frame = replace(self.frame, seed=seed).on(backend)
         light = Electrons(drjit().detach(self.light_e))
@@ -85,16 +85,18 @@ class AttachedPixels:
         return slopes.attached(self.light_e, self.changes, codes.astype(np.float64))
 
     def log_likelihood(self, codes: Float64Array, render_e2: Float64Array) -> Array:
-        """Logarithm of the probability of these codes (H, W), (H·W), if the light has this render variance (H, W).
-        Raises InputError for a chain without a closed form."""
+        """Return the log-probability of codes (H, W) for light with this render variance (H, W), shape (H·W,).
+
+        Raises InputError for a chain without a closed form.
+        """
         try:
             return self._slopes(chance_of(codes, render_e2)).attached(
                 self.light_e, self.changes
             )
         except NotStraight as reason:
             raise InputError(
-                f"the likelihood of a code of {self.camera.name} is not known, because {reason}; "
-                "compare expected codes with ms.digital, or take the camera without it."
+                f"{self.camera.name} has no closed-form likelihood, because {reason}; compare expected codes by "
+                "ms.digital, or use the camera without it."
             ) from None
 
     def _slopes(self, law: Law) -> Slopes:

@@ -1,4 +1,4 @@
-"""Derivatives of digital numbers by the photons, the exposure and the numbers of a camera (Dr.Jit)."""
+"""Derivatives of digital numbers by photons, exposure and camera fields (Dr.Jit)."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ from .law_slopes import Slopes, mean_and_variance, slopes_by_light, slopes_by_na
 from .parameters import Parameters
 
 PHOTONS = "photons"
-"""The name of the mean photons among the parameters."""
+"""Name of the mean photons among the parameters."""
 
 BACKENDS = {"drjit": "llvm", "cuda": "cuda"}
 
 
 @dataclass(frozen=True, eq=False)
 class DifferentiableFrame:
-    """One frame and its derivatives.
+    """A frame and its derivatives.
 
-    digital : digital numbers as floats, one Dr.Jit array (H·W), to compute a loss from.
+    digital : digital numbers as floats, a Dr.Jit array of shape (H·W,), for computing a loss.
     """
 
     digital: Array
@@ -57,9 +57,9 @@ class DifferentiableFrame:
     backend: DrJitBackend = field(repr=False)
 
     def backward(self, loss: Array) -> dict[str, Array]:
-        """d Σloss/d parameter: a number for a field, and for the photons one per pixel and band.
+        """Return d Σloss/d parameter: a number for a field; for photons, one per pixel and band.
 
-        loss : a Dr.Jit array computed from ``digital``, best with one element per pixel: it is summed here. If it
+        loss : a Dr.Jit array computed from ``digital``, preferably one element per pixel; it is summed here. If it
             needs all pixels first, as a variance does, call :meth:`store` before.
         """
         dr = self.backend.dr
@@ -70,43 +70,43 @@ class DifferentiableFrame:
         dr.backward(loss)
         weights = self._to_numpy(dr.grad(self.digital)).astype(np.float64)
         dr.clear_grad(self.digital)
-        found: dict[str, Array] = {}
+        gradients: dict[str, Array] = {}
         for name in self.of.parameters:
-            moved = weights * self._slope(name)
-            found[name] = self._per_photon(moved) if name == PHOTONS else float(moved.sum())
-        return found
+            slope = weights * self._slope(name)
+            gradients[name] = self._per_photon(slope) if name == PHOTONS else float(slope.sum())
+        return gradients
 
     def forward(self, name: str) -> Float32Array:
-        """d DN/d parameter of every pixel, (H, W); for ``"photons"`` by those of the same pixel, in their shape."""
-        known = self.of.parameters
-        if name not in known:
+        """Return d DN/d parameter of every pixel, shape (H, W); for ``"photons"`` of the same pixel, in their shape."""
+        names = self.of.parameters
+        if name not in names:
             raise InputError(
-                f"name is {name!r}; it must be one of the parameters: {', '.join(known)}."
+                f"name is {shown(name)}; it must be one of the parameters: {', '.join(names)}."
             )
         slope = self._slope(name)
         return self._per_photon(slope) if name == PHOTONS else np.asarray(slope, np.float32)
 
     def store(self) -> None:
-        """Compute the frame now and keep it, so that no loss computes it again."""
+        """Compute and keep the frame, so a loss does not compute it again."""
         self.backend.dr.eval(self.digital)
 
     @cached_property
     def codes(self) -> Float32Array:
-        """Digital numbers (H, W) [DN]."""
+        """Digital numbers, shape (H, W) [DN]."""
         return self._to_numpy(self.backend.dr.detach(self.digital))
 
     def _slope(self, name: str) -> Array:
         slopes = self.of.slopes
-        moved = slopes.by_light if name == PHOTONS else slopes.by_name[name]
-        assert moved is not None
-        return slopes.of_code(moved, self.codes)
+        slope = slopes.by_light if name == PHOTONS else slopes.by_name[name]
+        assert slope is not None
+        return slopes.of_code(slope, self.codes)
 
     def _to_numpy(self, x: Array) -> Float32Array:
         values: Float32Array = self.backend.to_numpy(x, self.of.first.window)
         return values
 
     def _per_photon(self, per_electron: Array) -> Float32Array:
-        """A derivative by the mean photoelectrons → by the photons of every band."""
+        """Convert a derivative by mean photoelectrons to derivatives by the photons of every band."""
         x, efficiency = per_electron.astype(np.float32), self.of.efficiency
         per_photon = x[..., None] * efficiency if efficiency.ndim == 3 else x * efficiency
         return np.asarray(per_photon, dtype=np.float32)
@@ -114,7 +114,7 @@ class DifferentiableFrame:
 
 @dataclass(frozen=True, eq=False)
 class DifferentiableFrames:
-    """Frames of one camera and one array of photons, with derivatives by ``parameters``."""
+    """Frames of a camera and an array of photons, with derivatives by ``parameters``."""
 
     parameters: tuple[str, ...]
     camera: Camera = field(repr=False)
@@ -124,7 +124,7 @@ class DifferentiableFrames:
     detected: Detected = field(repr=False)
 
     def frame(self, index: int = 0) -> DifferentiableFrame:
-        """Frame ``index``, whose digital numbers are those of ``expose(engine="drjit", first_frame=index)``."""
+        """Return frame ``index``, with the digital numbers of ``expose(engine="drjit", first_frame=index)``."""
         check_numbers(1, index, self.first.seed)
         backend = cast(DrJitBackend, self.first.window.backend)
         codes = sample(
@@ -137,31 +137,31 @@ class DifferentiableFrames:
     def backward(
         self, loss: Callable[[Array, slice], Array], index: int = 0
     ) -> dict[str, Array]:
-        """d Σloss/d parameter of frame ``index``, in strips of rows: for windows that do not fit into memory at once.
+        """Return d Σloss/d parameter of frame ``index``, in row strips, for windows larger than the memory.
 
         loss : takes ``digital`` of a strip, a Dr.Jit array, and its rows, a slice; returns the loss of its pixels.
         """
-        found: dict[str, Array] = dict.fromkeys(self.parameters, 0.0)
-        if PHOTONS in found:
-            found[PHOTONS] = np.empty(self.light.mean.shape, dtype=np.float32)
+        gradients: dict[str, Array] = dict.fromkeys(self.parameters, 0.0)
+        if PHOTONS in gradients:
+            gradients[PHOTONS] = np.empty(self.light.mean.shape, dtype=np.float32)
         for rows, strip in self.strips():
             frame = strip.frame(index)
-            for name, part in frame.backward(loss(frame.digital, rows)).items():
+            for name, gradient in frame.backward(loss(frame.digital, rows)).items():
                 if name == PHOTONS:
-                    found[name][rows] = part
+                    gradients[name][rows] = gradient
                 else:
-                    found[name] += part
-        return found
+                    gradients[name] += gradient
+        return gradients
 
     def strips(self) -> Iterator[tuple[slice, DifferentiableFrames]]:
-        """The rows of every strip, and its frames; the whole window where it is one strip."""
+        """Yield the rows and the frames of every strip; a small window is a single strip."""
         shape = self.first.window.shape
         strips = list(row_strips_of(shape, self.first.window.backend.strip_pixels))
         for rows in strips:
             yield rows, self if len(strips) == 1 else self.crop_rows(rows)
 
     def crop_rows(self, rows: slice) -> DifferentiableFrames:
-        """The same frames of these rows of the window."""
+        """Return the frames of these rows of the window."""
         first = replace(self.first, window=self.first.window.crop_rows(rows), _blocks={})
         return replace(
             self, light=self.light.crop_rows(rows), detected=self.detected.crop_rows(rows), first=first
@@ -169,7 +169,7 @@ class DifferentiableFrames:
 
     @cached_property
     def slopes(self) -> Slopes:
-        """Mean and variance of every pixel's code, with their derivatives by the parameters."""
+        """Mean and variance of every pixel's code, with derivatives by the parameters."""
         frame = self.first.on(NUMPY_FLOAT64)
 
         def light_of(camera: Camera, exposure: Exposure) -> Electrons:
@@ -177,10 +177,7 @@ class DifferentiableFrames:
             signal: Electrons = detect(self.light, detector_of(camera.stages), lit).signal
             return signal
 
-        light, names = (
-            self.detected.signal,
-            [name for name in self.parameters if name != PHOTONS],
-        )
+        light, names = self.detected.signal, [x for x in self.parameters if x != PHOTONS]
         by_light = None
         if PHOTONS in self.parameters:
             by_light = slopes_by_light(mean_and_variance, self.stages, light, frame)
@@ -189,38 +186,34 @@ class DifferentiableFrames:
 
     @cached_property
     def _start(self) -> Electrons:
-        """Mean photoelectrons in the memory of the backend; the FPN maps are computed too."""
-        found: Electrons = begin(
-            self.stages, uploaded(self.detected.signal, self.first), self.first
-        )
-        return found
+        """Mean photoelectrons in the memory of the backend; also computes the FPN maps."""
+        light = uploaded(self.detected.signal, self.first)
+        signal: Electrons = begin(self.stages, light, self.first)
+        return signal
 
     @cached_property
     def efficiency(self) -> Float32Array:
-        """Mean electrons (interactions, where there is a yield) per photon, in the shape of the photons."""
-        frame, shape, bands = (
-            self.first.on(NUMPY_FLOAT32),
-            self.light.mean.shape,
-            self.light.wavelengths_nm,
-        )
+        """Mean electrons per photon (interactions, with a quantum yield), in the shape of the photons."""
+        shape, bands = self.light.mean.shape, self.light.wavelengths_nm
+        frame, detector = self.first.on(NUMPY_FLOAT32), self.stages[0]
         if bands is None or len(shape) == 2:
-            light: Float32Array = (
-                self.stages[0].sample(Photons(np.ones(shape), bands), frame).light
-            )
+            light: Float32Array = detector.sample(Photons(np.ones(shape), bands), frame).light
             return light
-        one = self.light.changed(mean=np.ones((*shape[:2], 1)))
-        widths = (
-            [None] * len(bands) if one.bandwidths_nm is None else one.bandwidths_nm[:, None]
+        layer = self.light.changed(mean=np.ones((*shape[:2], 1)))
+        widths = layer.bandwidths_nm
+        layers = (
+            replace(
+                layer,
+                wavelengths_nm=bands[[k]],
+                bandwidths_nm=None if widths is None else widths[[k]],
+            )
+            for k in range(len(bands))
         )
-        ones = [
-            replace(one, wavelengths_nm=bands[[k]], bandwidths_nm=width)
-            for k, width in enumerate(widths)
-        ]
-        return np.stack([self.stages[0].sample(one, frame).light for one in ones], axis=-1)
+        return np.stack([detector.sample(photons, frame).light for photons in layers], axis=-1)
 
 
 def _names_of(parameters: object) -> tuple[str, ...]:
-    """Names of what is differentiated by, one or several, each once. Raises InputError."""
+    """Return the names of one or several parameters, each once. Raises InputError."""
     names = (parameters,)
     if isinstance(parameters, list | tuple | set | frozenset | Mapping):
         names = tuple(parameters)
@@ -244,7 +237,7 @@ def differentiable(
     serial: int = 1,
     **options: Unpack[GradientOptions],
 ) -> DifferentiableFrames:
-    """Frames of :func:`expose` with the derivatives of their digital numbers by some parameters.
+    """Return frames of :func:`expose` with derivatives of their digital numbers by ``parameters``.
 
     ::
 
@@ -252,12 +245,12 @@ def differentiable(
         frame = frames.frame()
         gradients = frame.backward(frame.digital**2)  # name → derivative of the sum
 
-    parameters : names of fields of the camera (``"readout.sense_gain_uv_per_e"``), ``"exposure.time_s"`` and
-        ``"exposure.temperature_k"`` at the same photons, and ``"photons"`` for the mean photons of every pixel.
-    The rest as for :func:`expose`. The mean of a derivative over frames is the derivative of the expected code, to 1 %,
-    at clips and code edges too. That of a squared error is off at a clip if the noise is 1 to 2 DN
-    (docs/accuracy-and-limits.md).
-    Raises InputError for what ``expose`` refuses, and for a parameter that has no derivative.
+    parameters : names of camera fields (``"readout.sense_gain_uv_per_e"``), ``"exposure.time_s"`` and
+        ``"exposure.temperature_k"`` at constant photons, and ``"photons"`` for the mean photons of every pixel.
+    Other arguments as for :func:`expose`. The mean of a derivative over frames is the derivative of the expected code
+    to 1 %, also at clips and code edges. The derivative of a squared error is biased at a clip if the noise is 1 to
+    2 DN (docs/accuracy-and-limits.md).
+    Raises InputError like ``expose``, and for a parameter without derivative.
     """
     camera = camera_of(camera)
     check_types(camera, exposure)
@@ -265,10 +258,10 @@ def differentiable(
     chosen = complete(GradientOptions, options)
     camera = camera.at_gain(chosen["gain"])
     names = _names_of(parameters)
-    refuse_readouts(camera, "derivatives are those of one read-out")
+    refuse_readouts(camera, "derivatives need a single readout")
     light, stages = as_photons(photons, camera, chosen["wavelengths_nm"]), chain(camera)
     _check(names, light, camera)
-    choose_backend(chosen["engine"], "float32", 0)  # refuses one that is not on this machine
+    choose_backend(chosen["engine"], "float32", 0)  # rejects a missing engine
     check_numbers(1, 0, seed)
     light = placed(light, chosen["origin"], camera)
     shape = light.mean.shape[0], light.mean.shape[1]
@@ -276,44 +269,41 @@ def differentiable(
     window = replace(window, given=checked_maps(chosen["maps"], window, camera))
     first = Frame(exposure, window, seed, gain=camera.gain or "")
     for name in names:
-        if name != PHOTONS:
-            Parameters(camera, exposure).derivative(
-                name, lambda *_: np.zeros(1)
-            )  # or it is refused
+        if name != PHOTONS:  # rejects fields without derivative
+            Parameters(camera, exposure).derivative(name, lambda *_: np.zeros(1))
     detected = detect(light, detector_of(stages), first)
     first = first.on(DrJitBackend(BACKENDS[chosen["engine"]], differentiable=True))
     return DifferentiableFrames(names, camera, light, stages, first, detected)
 
 
 def _check(names: tuple[str, ...], light: Photons, camera: Camera) -> None:
-    """Raise InputError for parameters or photons that have no derivatives."""
+    """Raise InputError for parameters or photons without derivatives."""
     if not names:
         raise InputError(
-            "parameters is empty; name what to differentiate by, e.g. 'photons' or 'pixel.prnu'."
+            "parameters is empty; give at least one name, e.g. 'photons' or 'pixel.prnu'."
         )
     if light.detected:
         raise InputError(
-            "photons is in channels, to which the QE is applied already; render a cube (spectral='cube')."
+            "photons already include the QE; render photons in bands with spectral='cube'."
         )
     coupling = [stage.label for stage in chain(camera) if stage.reach_px]
     if PHOTONS in names and coupling:
         raise InputError(
-            f"parameters names {PHOTONS!r}, and {coupling[0]} of {camera.name} couples neighbouring pixels; "
-            "differentiate by fields of the camera, or take the camera without it."
+            f"{PHOTONS!r} has no derivative for {camera.name}, because {coupling[0]} couples neighbouring pixels; use "
+            "camera fields, or the camera without this stage."
         )
     if PHOTONS in names and detector_of(chain(camera)).light_reach_px:
         raise InputError(
-            f"parameters names {PHOTONS!r}, and crosstalk of {camera.name} gives them to neighbours, too; "
-            "differentiate by fields of the camera, or unset quantum_efficiency.crosstalk, crosstalk_from, "
-            "crosstalk_pairs and diffusion_um."
+            f"{PHOTONS!r} has no derivative for {camera.name}, because crosstalk spreads light to neighbouring pixels; "
+            "use camera fields, or unset quantum_efficiency.crosstalk (_from, _pairs) and diffusion_um."
         )
     if PHOTONS in names and camera.quantum_efficiency.image_lag and light.by_readout:
         raise InputError(
-            f"parameters names {PHOTONS!r}, and a part of these stays for the next frame; differentiate by fields of "
-            "the camera, or pass photons.changed(by_readout=None)."
+            f"{PHOTONS!r} has no derivative with light of a previous frame (image lag); use camera fields, or pass "
+            "photons.changed(by_readout=None)."
         )
     bands = light.mean.shape[2] if light.mean.ndim == 3 else 1
     if PHOTONS in names and bands > 1 and camera.quantum_efficiency.quantum_yield:
         raise InputError(
-            f"parameters names {PHOTONS!r}, of {bands} bands, and this camera has a quantum yield; pass one band."
+            f"{PHOTONS!r} has {bands} bands, but a camera with quantum yield needs a single band; pass one band."
         )

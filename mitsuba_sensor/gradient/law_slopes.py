@@ -1,7 +1,7 @@
-"""Mean and variance of every pixel's code, or the chance of a code, with derivatives by light and camera.
+"""Mean and variance of every pixel's code, or the probability of a code, with derivatives by light and camera.
 
-A code c = m + z·√v has the derivative dm + (c − m)·dv/(2v): then the mean of dc over frames is dm, and that of 2c·dc is
-d(m² + v), whatever the steps of the converter and its clips make of the law.
+A code c = m + z·√v has the derivative dm + (c − m)·dv/(2v). Then the mean of dc over frames is dm and the mean of 2c·dc
+is d(m² + v), also with the steps and clips of the ADC.
 """
 
 from __future__ import annotations
@@ -21,39 +21,39 @@ from ..theory.clean import is_straight, pixel_moments
 from .parameters import Parameters
 
 LIGHT_STEP, LIGHT_STEP_OF_LATTICE = 0.02, 0.3
-"""Step of a difference of light, in its shot noise: the frames of a lattice jump from code to code."""
+"""Step of a finite difference in light over its shot noise; frames of a lattice change in steps."""
 
 STEP, STEP_OF_LATTICE = 1e-4, 1e-2
-"""Step of a difference of a number of the camera, relative to its value."""
+"""Relative step of a finite difference in a camera field."""
 
-STILL_DN2 = 1e-9
-"""A code that varies by less has no derivative by its noise [DN²]."""
+VARIANCE_MIN_DN2 = 1e-9
+"""A code with less variance has no derivative by its noise."""
 
 Law = Callable[[Chain, Electrons, Frame], Float64Array]
-"""Values (R, H, W) of the pixels of a window, by mean photoelectrons."""
+"""Maps mean photoelectrons to values of the pixels of a window, shape (R, H, W)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Slopes:
-    """Values of a law, (R, H, W), and their derivatives by the light of the same pixel and by names."""
+    """Values of a law, shape (R, H, W), and their derivatives by the light of the same pixel and by names."""
 
     values: Float64Array
     by_light: Float64Array | None = None
     by_name: Mapping[str, Float64Array] = field(default_factory=dict)
 
     def of_code(self, slope: Float64Array, codes: Array) -> Float64Array:
-        """Derivative of the codes of a frame, of that of mean and variance."""
+        """Return the derivative of the codes of a frame, from the derivative of mean and variance."""
         (mean, variance), (by_mean, by_variance) = self.values, slope
-        still = variance < STILL_DN2
+        still = variance < VARIANCE_MIN_DN2
         pulled = (codes - mean) * by_variance / np.where(still, 1.0, 2 * variance)
         return np.asarray(by_mean + np.where(still, 0.0, pulled))
 
     def attached(
         self, light_e: Array, changes: Mapping[str, Array], codes: Float64Array | None = None
     ) -> Array:
-        """The first of the values, or codes of a frame, as a part of a graph of derivatives.
+        """Return the first of the values, or the codes of a frame, in a graph of derivatives.
 
-        light_e : mean photoelectrons, (H·W).  changes : by name, a variable minus its value.
+        light_e : mean photoelectrons, shape (H·W,).  changes : name → variable minus its value.
         """
         dr, number = drjit(), type(light_e)
 
@@ -61,36 +61,36 @@ class Slopes:
             moved = slope[0] if codes is None else self.of_code(slope, codes)
             return number(moved.astype(np.float32).ravel())
 
-        found = number((self.values[0] if codes is None else codes).astype(np.float32).ravel())
+        total = number((self.values[0] if codes is None else codes).astype(np.float32).ravel())
         if self.by_light is not None:
-            found = found + flat(self.by_light) * (light_e - dr.detach(light_e))
+            total = total + flat(self.by_light) * (light_e - dr.detach(light_e))
         for name, slope in self.by_name.items():
-            found = found + flat(slope) * changes[name]
-        return found
+            total = total + flat(slope) * changes[name]
+        return total
 
 
 def mean_and_variance(stages: Chain, light: Electrons, frame: Frame) -> Float64Array:
-    """Of the codes, (2, H, W)."""
+    """Return mean and variance of the codes, shape (2, H, W)."""
     photons = Photons(np.asarray(light.light), detected=True)
     mean, variance, _ = pixel_moments(stages, Detected(photons, light), frame)
     return np.array([mean, variance], np.float64)
 
 
 def chance_of(codes: Float64Array, render_e2: Float64Array) -> Law:
-    """Logarithm of the probability of these codes (H, W). The law raises NotStraight.
+    """Return the law of the log-probability of codes (H, W). The law raises NotStraight.
 
-    render_e2 : (H, W) variance of the mean photoelectrons, which the render estimates.
+    render_e2 : (H, W) variance of the mean photoelectrons from the render.
     """
 
     def law(stages: Chain, light: Electrons, frame: Frame) -> Float64Array:
-        found = log_chance(line_of(stages, light, frame), codes.ravel(), render_e2.ravel())
-        return found.reshape(1, *codes.shape)
+        line = line_of(stages, light, frame)
+        return log_chance(line, codes.ravel(), render_e2.ravel()).reshape(1, *codes.shape)
 
     return law
 
 
 def slopes_by_light(law: Law, stages: Chain, light: Electrons, frame: Frame) -> Float64Array:
-    """Derivatives by the mean photoelectrons, through three levels of light about them."""
+    """Return derivatives by the mean photoelectrons, from three neighbouring light levels."""
     light_e = np.asarray(light.light, np.float64)
     share = LIGHT_STEP if is_straight(stages, light, frame) else LIGHT_STEP_OF_LATTICE
     step = share * np.sqrt(np.maximum(light_e, 1.0))
@@ -110,19 +110,15 @@ def slopes_by_names(
     names: Collection[str],
     of_light: Collection[str] = (),
 ) -> dict[str, Float64Array]:
-    """Derivatives by numbers of camera and exposure.
+    """Return derivatives by fields of camera and exposure.
 
-    light_of : mean photoelectrons of a camera.  of_light : names on which the light depends beside the chain.
-    Raises InputError for a name that has no derivative.
+    light_of : returns the mean photoelectrons of a camera.  of_light : names that also change the light.
+    Raises InputError for a name without derivative.
     """
 
     def values(camera: Camera, exposure: Exposure) -> Float64Array:
-        changed = replace(
-            frame,
-            exposure=exposure,
-            window=replace(frame.window, _maps={}, _tiles={}),
-            _blocks={},
-        )
+        window = replace(frame.window, _maps={}, _tiles={})
+        changed = replace(frame, exposure=exposure, window=window, _blocks={})
         return law(camera.stages, light_of(camera, exposure), changed)
 
     is_smooth = is_straight(camera.stages, light_of(camera, frame.exposure), frame)

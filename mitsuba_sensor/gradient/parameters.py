@@ -1,8 +1,9 @@
-"""Numbers of a camera and an exposure as variables: their values, and derivatives by central differences."""
+"""Fields of a camera and an exposure as variables: values and derivatives by central differences."""
 
 from __future__ import annotations
 
 import contextlib
+import operator
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
@@ -16,36 +17,34 @@ from ..stages.stage import Chain, converter_of
 TIME, TEMPERATURE = "exposure.time_s", "exposure.temperature_k"
 
 THRESHOLDS = ("dark_current.rts_fraction", "source_follower.rtn_pixel_fraction")
-"""Fields that random numbers are compared with: the pixels that they select change in jumps."""
+"""Thresholds on random numbers: the selected pixels change in jumps."""
 
 STEPS = {(1, -1): (0.5, -0.5), (0, 1, 2): (-1.5, 2.0, -0.5), (0, -1, -2): (1.5, -2.0, 0.5)}
-"""Steps and their weights: central, or on the side that is in the range of the field."""
+"""Steps and their weights: central, or one-sided at the end of the range of the field."""
 
 
 @dataclass(frozen=True)
 class Parameters:
-    """Camera and exposure whose numbers are changed.  step : of a difference, relative to the value."""
+    """Camera and exposure with variable fields.  step : of a difference, relative to the value."""
 
     camera: Camera
     exposure: Exposure
     step: float = 1e-4
 
     def value(self, name: str) -> float:
-        """The value of a number. Raises InputError for a name that is none."""
-        found: object = self if name in (TIME, TEMPERATURE) else self.camera
-        known = (TIME, TEMPERATURE, *fields_of(Camera))
-        if name not in known:
+        """Return the value of a field. Raises InputError for an unknown name, and for a value without derivative."""
+        names = (TIME, TEMPERATURE, *fields_of(Camera))
+        if name not in names:
             raise InputError(
-                f"parameters names {name!r}, no field of camera or exposure.{nearest(str(name), known)}"
+                f"parameters has {name!r}, which is not a field of camera or exposure.{nearest(str(name), names)}"
             )
-        for part in name.split("."):
-            found = getattr(found, part)
-        if not isinstance(found, float):
+        value = operator.attrgetter(name)(self if name in (TIME, TEMPERATURE) else self.camera)
+        if not isinstance(value, float):
             raise InputError(
-                f"parameters names {name!r}, which is {found!r}; only a number that can change by a little, such as "
-                "'pixel.full_well_e', has a derivative."
+                f"parameters has {name!r}, which is {value!r}; only continuous numbers have a derivative, e.g. "
+                "'pixel.full_well_e'."
             )
-        return found
+        return value
 
     def derivative(
         self,
@@ -53,48 +52,48 @@ class Parameters:
         function: Callable[[Camera, Exposure], Float64Array],
         of_light: Collection[str] = (),
     ) -> Float64Array:
-        """d function/d ``name``, with equal random numbers.  of_light : names on which more than the chain depends.
+        """Return d function/d ``name``, with equal random numbers.  of_light : names that change more than the chain.
 
-        Raises InputError for a number that no stage depends on, and where the camera jumps.
+        Raises InputError for a field without effect, and at a jump.
         """
         value = self.value(name)
         step = self.step * (abs(value) or 1.0)
         weights, changed = self._around(name, value, step)
         self._check(name, [camera.stages for camera, _ in changed], of_light)
-        parts = (w * function(*each) for w, each in zip(weights, changed, strict=True))
-        return np.asarray(sum(parts)) / step
+        terms = (w * function(*pair) for w, pair in zip(weights, changed, strict=True))
+        return np.asarray(sum(terms)) / step
 
     def _around(
         self, name: str, value: float, step: float
     ) -> tuple[tuple[float, ...], list[tuple[Camera, Exposure]]]:
-        """Weights, cameras and exposures of the first scheme that stays in the range of the field."""
+        """Return weights, cameras and exposures of the first scheme within the range of the field."""
         for steps, weights in STEPS.items():
             with contextlib.suppress(InputError):
                 return weights, [self._changed(name, value + count * step) for count in steps]
         raise InputError(
-            f"parameters names {name!r}, which is {value:g} and cannot be changed; leave it out."
+            f"parameters has {name!r}, which is {value:g} and cannot be changed; remove it."
         )
 
     def _check(self, name: str, chains: list[Chain], of_light: Collection[str]) -> None:
-        """Raise InputError where the chains of a changed camera differ in more than a number, or in none."""
+        """Raise InputError if the chains of the changed cameras differ in their stages, or do not differ."""
         value, is_default = self.value(name), self.camera.adc.black_level_dn is None
         if len({tuple(map(type, stages)) for stages in (self.camera.stages, *chains)}) > 1:
             raise InputError(
-                f"parameters names {name!r}, which is {value:g}, where the chain leaves a stage out; "
-                f"choose a value beside it, e.g. {value + 1e-3 * (abs(value) or 1.0):g}."
+                f"parameters has {name!r}, which is {value:g}, where the chain gains or loses a stage; choose a nearby "
+                f"value, e.g. {value + 1e-3 * (abs(value) or 1.0):g}."
             )
         blacks_dn = {converter_of(stages).black_level_dn for stages in chains}
         if is_default and len(blacks_dn) > 1:
             raise InputError(
-                f"parameters names {name!r}, which is {value:g}, where the default black level jumps; "
-                "set adc.black_level_dn."
+                f"parameters has {name!r}, which is {value:g}, where the default black level jumps; set "
+                "adc.black_level_dn."
             )
         same = all(stages == chains[0] for stages in chains)
         unmoved = same and name not in (TIME, TEMPERATURE, *of_light)
         if name in THRESHOLDS or unmoved:
             raise InputError(
-                f"parameters names {name!r}, on which no number of this chain depends smoothly; leave it out, "
-                "and compare frames of two values instead."
+                f"parameters has {name!r}, but the chain does not depend on it smoothly; remove it, and compare frames "
+                "of two values."
             )
 
     def _changed(self, name: str, value: float) -> tuple[Camera, Exposure]:

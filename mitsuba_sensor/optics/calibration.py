@@ -1,6 +1,6 @@
-"""Calibration of a camera as OpenCV has it: pinhole and Brown-Conrady distortion, from intrinsics or from a table.
+"""OpenCV calibration of a camera: pinhole and Brown-Conrady distortion, from intrinsics or a distortion table.
 
-x right, y down, z forward; the middle of the upper left pixel is (0, 0).
+x points right, y down, z forward; the centre of the upper left pixel is (0, 0).
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ import scipy
 from ..core import Float64Array, InputError
 from .distortion import Distortion
 
-FIT_POINTS = 200  # image heights that coefficients are fitted to
-HALF_PIXEL = 0.5  # of the middle of a pixel from its corner
+FIT_POINTS = 200  # image heights of the fit of coefficients
+HALF_PIXEL = 0.5  # from the corner of a pixel to its centre
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Pinhole and distortion of one camera [pixels].
+    """Pinhole and distortion of a camera [pixels].
 
     focal, principal : fx, fy and cx, cy.  distortion : k1, k2, p1, p2, k3.
-    misfit_px : how far a point of the image is from where these coefficients have it, at most; above 0 where the lens
-        is something else, a table of distortion or a prescription, to which they are fitted.
+    misfit_px : largest error of the coefficients in the image; above 0 if they are fitted to a distortion table or a
+        prescription.
     """
 
     columns: int
@@ -38,13 +38,13 @@ class Calibration:
 
     @property
     def matrix(self) -> Float64Array:
-        """K, 3 × 3."""
+        """K, shape (3, 3)."""
         (fx, fy), (cx, cy) = self.focal, self.principal
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
     @property
     def corner(self) -> float:
-        """Distance of the farthest corner of the picture from the principal point, as a tangent, with distortion."""
+        """Distance of the farthest image corner from the principal point, as a tangent, with distortion."""
         (cx, cy), (fx, fy) = self.principal, self.focal
         half_x = (max(cx, self.columns - 1 - cx) + HALF_PIXEL) / fx
         half_y = (max(cy, self.rows - 1 - cy) + HALF_PIXEL) / fy
@@ -52,8 +52,8 @@ class Calibration:
 
     @property
     def view(self) -> dict[str, float]:
-        """What the <sensor type="perspective"> of a scene needs for it: fov [degrees, along the rows] and principal
-        point offsets [sides of the picture]."""
+        """Parameters of a scene's <sensor type="perspective">: fov [degrees, along the rows] and principal point
+        offsets [image sides]."""
         cx, cy = self.principal
         return {
             "fov": math.degrees(2 * math.atan(self.columns / 2 / self.focal[0])),
@@ -63,16 +63,15 @@ class Calibration:
 
 
 def calibration_of(intrinsics: Mapping[str, Any], pitch_um: float) -> Calibration:
-    """The calibration that :func:`mitsuba_sensor.optics.intrinsics.intrinsics` and metadata of frames describe.
+    """Return the calibration of intrinsics from :func:`mitsuba_sensor.optics.intrinsics.intrinsics` or frame metadata.
 
-    pitch_um : of the pixels along a row, for image heights. Raises InputError for an orthographic sensor, which has no
-    focal length.
+    pitch_um : pixel pitch along a row. Raises InputError for an orthographic sensor, which has no focal length.
     """
     matrix, (columns, rows) = intrinsics["matrix"], intrinsics["image_size"]
     if matrix is None:
         raise InputError(
-            "the scene's sensor is orthographic, which has no focal length, and no calibration can say so; take a "
-            "perspective or thinlens sensor."
+            "the scene's sensor is orthographic, so it has no focal length to calibrate; use a perspective or thinlens "
+            "sensor."
         )
     focal, principal = (matrix[0][0], matrix[1][1]), (matrix[0][2], matrix[1][2])
     heights_mm = intrinsics["heights_mm"]
@@ -95,9 +94,9 @@ def calibration_of(intrinsics: Mapping[str, Any], pitch_um: float) -> Calibratio
 def radial_fit(
     ideal: Float64Array, real: Float64Array, corner: float
 ) -> tuple[tuple[float, float, float], float]:
-    """k1, k2, k3 of least squares for image heights with and without distortion, and the largest distance.
+    """Return the least-squares k1, k2, k3 for ideal and real image heights, and the largest residual.
 
-    All are tangents; only heights up to ``corner`` count.
+    Heights are tangents; only real heights up to ``corner`` count.
     """
     inside = real <= corner
     ideal, real = ideal[inside], real[inside]

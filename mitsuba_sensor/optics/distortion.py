@@ -1,7 +1,7 @@
-"""Measured distortion of a lens: the coefficients of Brown and Conrady (OpenCV), or a table of image heights.
+"""Measured distortion of a lens: Brown-Conrady coefficients (OpenCV), or a table of image heights.
 
-Points are image heights over the image distance; without distortion (x, y) are the tangents of the field angle.
-x to the right, y down, as in OpenCV.
+Points are image heights over the image distance; without distortion, (x, y) are the tangents of the field angle.
+x points right and y down, as in OpenCV.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from ..core import Float64Array, InputError
 if TYPE_CHECKING:
     from ..camera.lens_datasheet import LensSection
 
-NEWTON_STEPS = 30  # five are enough for a usual lens; convergence is slow near a fold
-RESIDUAL = 1e-9
-"""Of a tangent: a thousandth of a pixel on an image that is a hundred thousand pixels wide."""
-BLOCK = 2**14  # points at a time, so that their arrays fit into the processor's cache
+NEWTON_STEPS = 30  # five suffice for a usual lens; convergence is slow near a fold
+TANGENT_TOLERANCE = 1e-9
+"""A thousandth of a pixel in an image a hundred thousand pixels wide."""
+BLOCK = 2**14  # points at a time, so their arrays fit into the cache
 
 
 @dataclass(frozen=True, eq=False)
 class Distortion:
-    """Ideal → real image point, and back.
+    """Map from ideal to real image points, and back.
 
     coefficients : k1, k2, p1, p2, k3.
-    growth : real over ideal height minus 1, against the ideal height as a tangent: monotone cubics through the table,
-        extrapolated linearly beyond its end at ``table_end``.
+    growth : real over ideal height minus 1 versus ideal height (a tangent): monotone cubics through the table, with
+        linear extrapolation above ``table_end``.
     """
 
     coefficients: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -37,7 +37,7 @@ class Distortion:
     table_end: float = np.inf
 
     def real(self, x: Float64Array, y: Float64Array) -> tuple[Float64Array, ...]:
-        """The real point of an ideal one, and the derivatives ∂x′/∂x, ∂x′/∂y = ∂y′/∂x, ∂y′/∂y.
+        """Return the real point of an ideal point, and the derivatives ∂x′/∂x, ∂x′/∂y = ∂y′/∂x, ∂y′/∂y.
 
         x′ = x·g + 2·p1·xy + p2·(r² + 2x²), y′ = y·g + p1·(r² + 2y²) + 2·p2·xy, g = 1 + k1·r² + k2·r⁴ + k3·r⁶
         (OpenCV's model), or g from the table.
@@ -64,9 +64,9 @@ class Distortion:
     def ideal(
         self, x: Float64Array, y: Float64Array
     ) -> tuple[Float64Array, Float64Array, Float64Array]:
-        """The ideal point of a real one, and the real area over the ideal one there.
+        """Return the ideal point of a real point, and the local ratio of real to ideal area.
 
-        Raises InputError where the distortion is not invertible, or the table ends.
+        Raises InputError if the distortion is not invertible, or the table is too short.
         """
         flat = np.array([np.ravel(x), np.ravel(y)], dtype=float)
         blocks = [
@@ -75,10 +75,10 @@ class Distortion:
         ]
         inverse = np.hstack(blocks)
         highest = float(np.hypot(inverse[0], inverse[1]).max())
-        if highest > self.table_end * (1 + RESIDUAL):
+        if highest > self.table_end * (1 + TANGENT_TOLERANCE):
             raise InputError(
-                "lens.distortion_heights_mm ends too early: the sensor's corner has an ideal image height "
-                f"{highest / self.table_end:.4g} times the last one; extend the table."
+                f"the sensor's corner has {highest / self.table_end:.4g} times the last ideal image height in "
+                "lens.distortion_heights_mm; extend the table."
             )
         u, v, area = inverse.reshape(3, *np.shape(x))
         return u, v, area
@@ -86,34 +86,34 @@ class Distortion:
     def _invert(
         self, x: Float64Array, y: Float64Array
     ) -> tuple[Float64Array, Float64Array, Float64Array]:
-        """Ideal points and areas of real points (n,), by Newton's method that starts at the real points."""
+        """Return ideal points and areas of real points (n,), by Newton's method from the real points."""
         u, v = x, y
         with np.errstate(all="ignore"):
             for _ in range(NEWTON_STEPS):
                 xr, yr, a, b, d = self.real(u, v)
                 area, ex, ey = a * d - b * b, xr - x, yr - y
-                good = (ex * ex + ey * ey < RESIDUAL**2) & (area > 0)
+                good = (ex * ex + ey * ey < TANGENT_TOLERANCE**2) & (area > 0)
                 if good.all():
                     return u, v, area
                 u, v = u - (d * ex - b * ey) / area, v - (a * ey - b * ex) / area
         where = float(np.hypot(x, y)[~good].min())
         raise InputError(
-            f"lens.distortion folds the image at {where:.3g} image distances from the axis; real heights must increase "
-            "with ideal ones up to the sensor's corner: check the coefficients, or take a smaller field of view."
+            f"lens.distortion folds the image at {where:.3g} image distances from the axis, but real heights must "
+            "increase with ideal heights up to the sensor's corner; check the coefficients, or the field of view."
         )
 
 
 def distortion_of(lens: LensSection, image_distance_mm: float) -> Distortion | None:
-    """The distortion of a camera's lens at this image distance, or None if it has none.
+    """Return the distortion of a camera's lens at this image distance, or None.
 
-    Raises InputError for an infinite distance: a telecentric sensor has no field angle that could be distorted.
+    Raises InputError for an infinite distance: a telecentric sensor has no field angles.
     """
     if not any(lens.distortion or lens.distortion_percent or ()):
         return None
     if np.isinf(image_distance_mm):
         raise InputError(
-            "lens.distortion is given and the scene's sensor is orthographic, which has no field angles; leave it out "
-            "or take a perspective or thinlens sensor."
+            "lens.distortion needs field angles, but the scene's sensor is orthographic; unset it, or use a "
+            "perspective or thinlens sensor."
         )
     if lens.distortion is not None:
         return Distortion(coefficients=lens.distortion)

@@ -1,17 +1,17 @@
 """The f-number law: irradiance at the focal plane from scene radiance, E = L · T · Ω.
 
-Ω = π/(4·N_w²)·cos⁴θ with the working f-number N_w = N·(1 + |m|/P): an aplanatic lens of f-number N, transmission T(λ)
-and pupil magnification P at magnification m (``convention = "working"``); or the planar Ω = π/(1 + 4N²(1 + |m|)²)·cos⁴θ
-of EMVA 1288 and ISET (``"planar"``). They differ by 13 % at f/1.4, 3.2 % at f/2.8, 0.4 % at f/8.
+``convention = "working"``: Ω = π/(4·N_w²)·cos⁴θ with the working f-number N_w = N·(1 + |m|/P), for an aplanatic lens
+of f-number N, transmission T(λ) and pupil magnification P at magnification m. ``"planar"``: Ω = π/(1 + 4N²(1 +
+|m|)²)·cos⁴θ of EMVA 1288 and ISET. They differ by 13 % at f/1.4, 3.2 % at f/2.8, 0.4 % at f/8.
 
-Where the lens distorts, Ω is also divided by the area of the image of a small patch over its area without distortion:
-the flux that enters the pupil from the patch, L·A·cos θ dω = L·A·cos⁴θ dA/f², is spread over that area. The entrance
-pupil is assumed to be the same over the whole field. A measured relative illumination contains all of this and replaces
-both factors. The rays of a sequential lens (``lens.prescription``) carry Ω themselves.
+With distortion, Ω is also divided by the real over the ideal image area of a small patch: the flux from the patch
+through the pupil, L·A·cos θ dω = L·A·cos⁴θ dA/f², spreads over the real area. The entrance pupil is assumed constant
+over the field. A measured relative illumination replaces cos⁴θ and this factor. The rays of a sequential lens
+(``lens.prescription``) carry Ω themselves.
 
-The chief ray of a thin lens comes from the middle of its exit pupil, at the distance f·(P + |m|) before the sensor. The
-chief ray of a prescription is traced from the middle of its stop. The microlenses are made for the angle
-``pixel.microlens_cra_deg`` at each image height; the response of a pixel follows from the difference of both angles.
+The chief ray of a thin lens comes from the centre of its exit pupil, f·(P + |m|) before the sensor. The chief ray of a
+prescription is traced from the centre of its stop. The response of a pixel follows from the difference between the
+chief-ray angle and the design angle of its microlens, ``pixel.microlens_cra_deg``.
 """
 
 from __future__ import annotations
@@ -32,19 +32,18 @@ from .traced_lens import cardinal_points, trace_chief_rays
 if TYPE_CHECKING:
     from ..camera.camera import Camera
 
-RADII = 33  # points of the table of relative illumination
-TRACED = 129  # chief rays from the axis to the corner
+SHADING_POINTS = 33  # of the table of relative illumination
+TRACED_RAYS = 129  # chief rays from the axis to the corner
 GAUSS_2 = 0.5 - 0.5 / math.sqrt(3), 0.5 + 0.5 / math.sqrt(3)
 """Nodes of the 2-point Gauss rule on a pixel."""
 Illumination: TypeAlias = Callable[[Float64Array, Float64Array], Float64Array]
-"""Ω over its value on the axis, at x and y from the optical axis [pixels]."""
+"""Ω over its on-axis value at x and y from the optical axis [pixels]."""
 
 
 def solid_angle_sr(view: View, camera: Camera) -> Float64Array:
-    """Ω = E/(L·T) [sr], projected, for each pixel of the crop, (rows, columns); 1 where the rays carry it already; all
-    times the response of the pixels to slanted light.
+    """Return Ω = E/(L·T) [sr] times the response to slanted light for each pixel of the crop, shape (rows, columns).
 
-    Raises InputError where a measured table does not reach the corner of the image.
+    Ω is 1 for a sequential lens, whose rays carry it. Raises InputError if a measured table is too short.
     """
     pixels = pixel_response(view, camera)
     if view.sequential:
@@ -54,8 +53,10 @@ def solid_angle_sr(view: View, camera: Camera) -> Float64Array:
 
 
 def pixel_response(view: View, camera: Camera) -> Float64Array | float:
-    """Response of each pixel of the crop to light from the direction of its chief ray, (rows, columns); 1 without a
-    measured angular response. Raises InputError where its table ends."""
+    """Return the response of each pixel of the crop to light along its chief ray, shape (rows, columns).
+
+    It is 1 without a measured angular response. Raises InputError if its table is too short.
+    """
     if camera.pixel.angular_response is None:
         return 1.0
     pitch_mm = camera.pixel.pitch_x_um * 1e-3
@@ -65,7 +66,7 @@ def pixel_response(view: View, camera: Camera) -> Float64Array | float:
 
 
 def numerical_aperture(view: View, camera: Camera) -> float:
-    """Sine of half the cone of light on the axis behind the lens: 1/(2·N_w), or of the planar law."""
+    """Return the sine of half the on-axis light cone at the sensor: 1/(2·N_w), or by the planar law."""
     lens = camera.lens
     if view.sequential:
         principal_mm = cardinal_points(lens).principal_distance(view.focus_m)
@@ -77,24 +78,23 @@ def numerical_aperture(view: View, camera: Camera) -> float:
 
 
 def shading(view: View, camera: Camera) -> dict[str, list[float]] | None:
-    """Relative illumination along a radius of the part that is rendered, for the correction of raw frames: distances
-    ``radius_px`` from the optical axis to the farthest corner, and ``relative_illumination`` there.
+    """Return the relative illumination along a radius of the rendered crop, for correcting raw frames.
 
-    None where it is not known: the rays of a prescription carry it, a telecentric sensor has none. Of a lens with
-    tangential distortion it is that to the right.
+    ``radius_px`` holds distances from the optical axis up to the farthest corner, ``relative_illumination`` the values.
+    Tangential distortion is evaluated to the right. None for prescriptions and telecentric sensors.
     """
     if view.sequential or not view.half_width:
         return None
     sides = zip(view.axis, view.crop_offset, view.crop_size, strict=True)
     reach = [max(axis - first, first + count - axis) for axis, first, count in sides]
-    radius = np.linspace(0.0, math.hypot(*reach), RADII)
+    radius = np.linspace(0.0, math.hypot(*reach), SHADING_POINTS)
     values = _illumination(view, camera)(radius[None], np.zeros((1, 1)))[0]
     values = values * slant_response(view, camera, camera.pixel.pitch_x_um * 1e-3 * radius)
     return {"radius_px": radius.tolist(), "relative_illumination": values.tolist()}
 
 
 def _illumination(view: View, camera: Camera) -> Illumination:
-    """Return the relative illumination of a camera's lens behind this view as a function of the place."""
+    """Return the relative illumination of a camera's lens as a function of the image position."""
     lens, scale, pitch_mm = camera.lens, view.tangent_per_pixel, camera.pixel.pitch_x_um * 1e-3
     if lens.relative_illumination is not None:
         places_mm, values = lens.relative_illumination_heights_mm, lens.relative_illumination
@@ -112,16 +112,16 @@ def _illumination(view: View, camera: Camera) -> Illumination:
 
 
 def chief_ray_deg(view: View, camera: Camera, heights_mm: Float64Array) -> Float64Array:
-    """Return the angle of the chief ray to the axis at image heights [°]; negative for an exit pupil behind it.
+    """Return the chief-ray angle to the axis at image heights [°]; negative if the exit pupil is behind the sensor.
 
-    Angles of a traced lens are linear between traced rays; where no ray gets through, the paraxial exit pupil gives
-    them.
+    Angles of a traced lens are interpolated between traced rays; if no ray passes, they follow from the paraxial exit
+    pupil.
     """
     if not view.sequential:
         m, pupils = magnification(view, camera), camera.lens.pupil_magnification
         exit_pupil_mm = image_distance_m(view, camera) * 1e3 * (pupils + m) / (1 + m)
         return np.degrees(np.arctan(heights_mm / exit_pupil_mm))
-    table_mm = np.linspace(0.0, float(np.max(heights_mm, initial=0.0)), TRACED)
+    table_mm = np.linspace(0.0, float(np.max(heights_mm, initial=0.0)), TRACED_RAYS)
     start = trace_chief_rays(camera.lens, view.focus_m, table_mm).start
     points = cardinal_points(camera.lens)
     paraxial = table_mm / (points.image_distance(view.focus_m) - points.exit_pupil)
@@ -131,7 +131,7 @@ def chief_ray_deg(view: View, camera: Camera, heights_mm: Float64Array) -> Float
 
 
 def microlens_deg(camera: Camera, heights_mm: Float64Array) -> Float64Array:
-    """Return the angle that the microlenses are made for at image heights [°]. Raises InputError beyond its table."""
+    """Return the design angle of the microlenses at image heights [°]. Raises InputError if its table is too short."""
     pixel = camera.pixel
     if pixel.microlens_cra_deg is None:
         return np.zeros_like(heights_mm)
@@ -140,14 +140,18 @@ def microlens_deg(camera: Camera, heights_mm: Float64Array) -> Float64Array:
 
 
 def slant_response(view: View, camera: Camera, heights_mm: Float64Array) -> Float64Array:
-    """Return the response of pixels at image heights to light along their chief ray, over that to light that their
-    microlens is made for; 1 without a measured one. Raises InputError where a table ends."""
+    """Return the response of pixels at image heights to light along their chief ray, relative to the design angle.
+
+    It is 1 without a measured angular response. Raises InputError if a table is too short.
+    """
     pixel = camera.pixel
     if pixel.angular_response is None:
         return np.ones_like(heights_mm)
-    off_deg = np.abs(
-        chief_ray_deg(view, camera, heights_mm) - microlens_deg(camera, heights_mm)
+    chief_deg, design_deg = (
+        chief_ray_deg(view, camera, heights_mm),
+        microlens_deg(camera, heights_mm),
     )
+    off_deg = np.abs(chief_deg - design_deg)
     places_deg, name = pixel.angular_response_deg, "pixel.angular_response_deg [°]"
     return _in_table(off_deg, places_deg, pixel.angular_response, name)
 
@@ -158,19 +162,19 @@ def _in_table(
     values: tuple[float, ...],
     name: str,
 ) -> Float64Array:
-    """Return values of a measured table, linear between its places. Raises InputError where it ends."""
+    """Return interpolated values of a measured table. Raises InputError if it is too short."""
     assert places is not None
     highest = float(np.max(asked, initial=0.0))
     if highest > places[-1]:
         raise InputError(
-            f"{name} ends at {places[-1]:g}, and the picture reaches {highest:.4g}; extend the table to "
-            f"{1.001 * highest:.4g} or more."
+            f"{name} ends at {places[-1]:g}, but the image needs {highest:.4g}; extend the table to at least "
+            f"{1.001 * highest:.4g}."
         )
     return np.interp(asked, places, values)
 
 
 def _pixel_means(view: View, function: Illumination) -> Float64Array:
-    """Gauss's means over each pixel of a function of x (1, columns) and y (rows, 1) from the optical axis [pixels]."""
+    """Return Gauss means over each pixel of a function of x (1, columns) and y (rows, 1) from the axis [pixels]."""
     columns, rows = view.crop_size
     x = np.arange(columns, dtype=float)[None, :]
     y = np.arange(rows, dtype=float)[:, None]
@@ -183,9 +187,9 @@ def _pixel_means(view: View, function: Illumination) -> Float64Array:
 
 
 def transmittance(camera: Camera, wavelengths_nm: ArrayLike) -> Float64Array:
-    """T of the lens at each wavelength, (B,): ``transmission`` times the curve, linear between its points.
+    """Return T of the lens at each wavelength, shape (B,): ``transmission`` times the interpolated curve.
 
-    Raises InputError outside the range of the curve, where T is not known.
+    Raises InputError outside the range of the curve.
     """
     lens, asked_nm = camera.lens, np.asarray(wavelengths_nm, dtype=float)
     table_nm = lens.transmission_wavelengths_nm
@@ -193,10 +197,10 @@ def transmittance(camera: Camera, wavelengths_nm: ArrayLike) -> Float64Array:
         return np.full(asked_nm.shape, lens.transmission)
     outside = asked_nm[(asked_nm < table_nm[0]) | (asked_nm > table_nm[-1])]
     if outside.size:
-        wrong = outside.min() if outside.min() < table_nm[0] else outside.max()
+        nm = outside.min() if outside.min() < table_nm[0] else outside.max()
         raise InputError(
-            f"lens.transmission_curve is given from {table_nm[0]:g} to {table_nm[-1]:g} nm and needed at {wrong:g} nm; "
-            "extend it, with 0 where the lens is opaque."
+            f"lens.transmission_curve spans {table_nm[0]:g} to {table_nm[-1]:g} nm but is needed at {nm:g} nm; extend "
+            "it, with 0 where the lens is opaque."
         )
     return lens.transmission * np.asarray(
         np.interp(asked_nm, table_nm, lens.transmission_curve)

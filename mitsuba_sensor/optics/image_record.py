@@ -1,4 +1,4 @@
-"""What is said of the image that a lens makes: intrinsics, fall-off, and how large the Airy disk is on the pixels."""
+"""Records of the image of a lens: intrinsics, fall-off, Airy disk and pixel MTF."""
 
 from __future__ import annotations
 
@@ -11,16 +11,14 @@ from .point_spread import airy_diameter_um, aperture_mtf
 if TYPE_CHECKING:
     from ..camera.camera import Camera
 
-TOLD_FREQUENCIES = (0.1, 0.2, 0.3, 0.4, 0.5)
-"""Of the pixel's MTF, up to Nyquist's [cycles per pixel]."""
-LARGE_PX = 3.0
-"""Diameter of an Airy disk that leaves a third of the contrast at Nyquist's frequency."""
+MTF_FREQUENCIES = (0.1, 0.2, 0.3, 0.4, 0.5)
+"""Of the pixel MTF, up to the Nyquist frequency [cycles per pixel]."""
 
 
 def airy_diameter_px(camera: Camera, f_number: float | None = None) -> float:
-    """Diameter of the first dark ring on the axis over the smaller pixel pitch, in the middle of what the camera sees.
+    """Return the diameter of the first dark ring on the axis in smaller pixel pitches, at the centre of the band.
 
-    f_number : the working one; by default that of the camera's lens, focused at infinity.
+    f_number : working f-number; default: the lens focused at infinity.
     """
     lens, pixel = camera.lens, camera.pixel
     nm = sum(camera.band_nm) / 2
@@ -29,9 +27,9 @@ def airy_diameter_px(camera: Camera, f_number: float | None = None) -> float:
 
 
 def airy_record(camera: Camera, f_number: float | None = None) -> dict[str, object]:
-    """The Airy disk of the camera's lens, and whether renders have it; ready for JSON.
+    """Return the Airy disk of the camera's lens, and whether it is rendered, for JSON.
 
-    f_number : the working one; by default that of the lens, focused at infinity.
+    f_number : working f-number; default: the lens focused at infinity.
     """
     return {
         "diameter_px": airy_diameter_px(camera, f_number),
@@ -42,37 +40,38 @@ def airy_record(camera: Camera, f_number: float | None = None) -> dict[str, obje
 
 
 def pixel_mtf_record(camera: Camera) -> dict[str, list[float]]:
-    """Modulation transfer function of the pixel's aperture up to the Nyquist frequency, ready for JSON."""
+    """Return the MTF of the pixel aperture up to the Nyquist frequency, for JSON."""
     aperture, (width, height) = camera.pixel.aperture_shape, camera.pixel.aperture_shape.sides
-    along_rows = aperture_mtf(TOLD_FREQUENCIES, width, aperture.profile(True))
-    along_columns = aperture_mtf(TOLD_FREQUENCIES, height, aperture.profile(False))
+    along_rows = aperture_mtf(MTF_FREQUENCIES, width, aperture.profile(True))
+    along_columns = aperture_mtf(MTF_FREQUENCIES, height, aperture.profile(False))
     return {
-        "cycles_per_pixel": list(TOLD_FREQUENCIES),
+        "cycles_per_pixel": list(MTF_FREQUENCIES),
         "along_rows": along_rows.tolist(),
         "along_columns": along_columns.tolist(),
     }
 
 
 def optics_sentences(camera: Camera) -> tuple[str, str]:
-    """How large the Airy disk of the lens is on the pixels, and what contrast the pixel's aperture leaves."""
+    """Return notes on the size of the Airy disk and the contrast of the pixel aperture."""
     airy, mtf = airy_record(camera), pixel_mtf_record(camera)
-    rendered = "renders have it" if airy["rendered"] else "lens.diffraction = true renders it"
+    rendered = (
+        "renders include it" if airy["rendered"] else "lens.diffraction = true renders it"
+    )
     return (
         f"the Airy disk of f/{airy['f_number']:g} is {airy['diameter_px']:.2g} pixels across at "
         f"{airy['wavelength_nm']:g} nm; {rendered}",
-        f"the pixel's aperture leaves {mtf['along_rows'][-1]:.3f} of the contrast at Nyquist's frequency along the "
-        f"rows and {mtf['along_columns'][-1]:.3f} along the columns",
+        f"the MTF of the pixel aperture at the Nyquist frequency is {mtf['along_rows'][-1]:.3f} along the rows and "
+        f"{mtf['along_columns'][-1]:.3f} along the columns",
     )
 
 
 def image_record(view: View, camera: Camera) -> dict[str, object]:
-    """Intrinsics, ``shading``, ``airy_disk``, ``point_spread`` and ``veiling_glare`` of a render, ready for JSON.
+    """Return intrinsics, ``shading``, ``airy_disk``, ``point_spread`` and ``veiling_glare`` of a render, for JSON.
 
-    airy_disk : that of the working f-number at a wavelength, also of a render without diffraction.
-    point_spread : what displaced its rays: whether diffraction did, and of which obstruction of the pupil; the sides of
-        the pixel's aperture as shares of the pitch, and the sensitivity of its cells, if that is measured; None of a
-        render without.
-    veiling_glare : the share of the light, and the width of its spread [mm] or None; None of a render without.
+    airy_disk : at the working f-number, also for renders without diffraction.
+    point_spread : rendered diffraction and pupil obstruction, sides of the pixel aperture in pitches, and measured
+        sensitivity of its cells; None without point spread.
+    veiling_glare : fraction of the light and width of its spread [mm] or None; None without glare.
     """
     lens, aperture = camera.lens, camera.pixel.aperture_shape
     spread = {

@@ -1,6 +1,6 @@
-"""View of a scene's sensor, the thin lens that has it on a camera's pixels, and the intrinsics of the image.
+"""View of a scene's sensor, the equivalent thin lens on a camera's pixels, and the intrinsics of the image.
 
-The scene's sensor determines the field of view, and with its aperture the blur; the camera's lens the irradiance.
+The scene's sensor sets the field of view and, by its aperture, the blur; the camera's lens sets the irradiance.
 Intrinsics: K matrix, distortion coefficients or image heights, focal length and field of view.
 """
 
@@ -20,13 +20,13 @@ CONVENTION = "OpenCV: x right, y down, z forward; the middle of the upper left p
 
 @dataclass(frozen=True)
 class View:
-    """What a scene's sensor images; pairs are (columns, rows).
+    """View of a scene's sensor; pairs are (columns, rows).
 
-    size, crop_size, crop_offset : of the full film, and of the part that is rendered [pixels].
-    half_width : tan of half the horizontal field of view, 0 for an orthographic (telecentric) sensor.
-    principal_point : offset of the optical axis over the film (Mitsuba's convention).
+    size, crop_size, crop_offset : of the full film and of the rendered crop [pixels].
+    half_width : tangent of half the horizontal field of view; 0 for an orthographic (telecentric) sensor.
+    principal_point : offset of the optical axis in film sizes (Mitsuba's convention).
     focus_m, aperture_radius_m : of a thin lens; a radius of 0 is a pinhole.
-    sequential : whether rays are traced through a lens prescription; they then carry E/L.
+    sequential : rays are traced through a lens prescription and carry E/L.
     """
 
     size: tuple[int, int]
@@ -40,7 +40,7 @@ class View:
 
     @property
     def axis(self) -> tuple[float, float]:
-        """Where the optical axis meets the full film, (column, row) from its upper left corner [pixels]."""
+        """Position of the optical axis on the full film, (column, row) from its upper left corner [pixels]."""
         (width, height), (x, y) = self.size, self.principal_point
         return width / 2 - x * width, height / 2 - y * height
 
@@ -51,25 +51,25 @@ class View:
 
 
 def magnification(view: View, camera: Camera) -> float:
-    """|m| = image distance / focus distance; 0 for a pinhole or telecentric sensor, which focus everywhere."""
+    """Return |m| = image distance / focus distance; 0 for a pinhole or telecentric sensor."""
     if math.isinf(view.focus_m):
         return 0.0
     return image_distance_m(view, camera) / view.focus_m
 
 
 def image_distance_m(view: View, camera: Camera) -> float:
-    """Distance from lens to sensor that gives this field of view on this camera's pixels [m]; inf if telecentric."""
+    """Return the lens-to-sensor distance for this field of view on this camera's pixels [m]; inf if telecentric."""
     half_m = 0.5 * view.size[0] * camera.pixel.pitch_x_um * 1e-6
     return half_m / view.half_width if view.half_width else math.inf
 
 
 def focal_length_m(view: View, camera: Camera) -> float:
-    """Focal length of the thin lens that has this field of view and focus distance on this camera's pixels [m]."""
+    """Return the focal length of the thin lens with this field of view and focus distance [m]."""
     return 1 / (1 / image_distance_m(view, camera) + 1 / view.focus_m)
 
 
 def aperture_f_number(view: View, camera: Camera) -> float | None:
-    """What the scene's thin-lens aperture means on this sensor, None for a pinhole; the camera's for a prescription."""
+    """Return the f-number of the scene's aperture, or of the camera for a prescription; None for a pinhole."""
     if view.sequential:
         return camera.lens.f_number
     if view.aperture_radius_m <= 0 or view.half_width == 0:
@@ -78,13 +78,13 @@ def aperture_f_number(view: View, camera: Camera) -> float | None:
 
 
 def intrinsics(view: View, camera: Camera) -> dict[str, object]:
-    """How the image is a projection of the world, ready for JSON; None for what an orthographic sensor does not have.
+    """Return the projection of the world onto the image, for JSON; an orthographic sensor has several None.
 
-    matrix : K (3 × 3) for the part of the film that is rendered [pixels], in OpenCV's convention (``CONVENTION``).
-    distortion : k1, k2, p1, p2, k3 of OpenCV; None where only heights are known.
+    matrix : K, shape (3, 3), of the rendered crop [pixels], in OpenCV's convention (``CONVENTION``).
+    distortion : OpenCV's k1, k2, p1, p2, k3; None if only heights are known.
     heights_mm : {"ideal", "real"} image heights of a distortion table or a sequential lens, else None.
-    focal_length_mm : of the lens.  principal_point_mm : from the middle of the full film, to the right and down.
-    field_of_view_deg : across and down the part that is rendered, through the principal point, without distortion.
+    focal_length_mm : of the lens.  principal_point_mm : from the centre of the full film, right and down.
+    field_of_view_deg : horizontal and vertical, of the crop through the principal point, without distortion.
     """
     lens, pixel = camera.lens, camera.pixel
     pitch_mm = (pixel.pitch_x_um * 1e-3, pixel.pitch_y_um * 1e-3)
@@ -122,12 +122,12 @@ def intrinsics(view: View, camera: Camera) -> dict[str, object]:
 
 
 def _angle_deg(axis: float, length: int, focal: float) -> float:
-    """Angle over a side of the picture with the optical axis at this place on it [all in pixels]."""
+    """Return the angle of an image side with the optical axis at this position on it [pixels]."""
     return math.degrees(math.atan(axis / focal) + math.atan((length - axis) / focal))
 
 
 def _image_heights_mm(view: View, camera: Camera) -> dict[str, list[float]] | None:
-    """Ideal and real image heights of a distortion table or a sequential lens."""
+    """Return the ideal and real image heights of a distortion table or a sequential lens."""
     lens, pixel = camera.lens, camera.pixel
     if view.sequential:
         (axis_x, axis_y), (columns, rows) = view.axis, view.size

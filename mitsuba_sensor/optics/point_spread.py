@@ -1,13 +1,13 @@
-"""Point spread of a lens that only diffraction limits, and of the pixel's aperture: closed forms and tables.
+"""Point spread of a diffraction-limited lens and of the pixel aperture: closed forms and tables.
 
-The image of a point through a circular pupil, of which a circle of ε times its diameter may be obstructed in the
-middle, has at the radius r, with x = π·r/(λN) and the working f-number N (Born & Wolf 1999, 8.5.2 and 8.6.2),
+The image of a point through a circular pupil with a central obstruction of ε times its diameter is, at the radius r,
+with x = π·r/(λN) and the working f-number N (Born & Wolf 1999, 8.5.2 and 8.6.2),
 
     p(x) = [2J₁(x)/x − ε²·2J₁(εx)/(εx)]² / (4π(1 − ε²)),    ∫p·2πx dx = 1.
 
-A renderer draws a radius from it by the inverse of the encircled energy. From x = TAIL_FROM/(1 − ε) on both have the
-mean over the rings: 1 − E falls with 1/x. The modulation transfer function of that is off by 6e-4 at most, and the
-densities of different wavelengths far out are nearly alike: less noise in narrow bands.
+The renderer draws a radius by inverting the encircled energy E. Above x = TAIL_FROM/(1 − ε), both are averaged over the
+rings: 1 − E falls as 1/x. This changes the MTF by at most 6e-4, and makes the densities of different wavelengths almost
+equal far out, which reduces the noise in narrow bands.
 """
 
 from __future__ import annotations
@@ -25,33 +25,33 @@ from ..core import Float64Array
 from ..core.special import root
 
 TAIL_FROM = 32.0
-SHARES = 2**15 + 1  # nodes of the inverse of the encircled energy
-NODES = 2**12 + 1  # of the density
-FINER = 8  # times as many steps where the energy is integrated
+ENERGY_NODES = 2**15 + 1  # of the inverse of the encircled energy
+DENSITY_NODES = 2**12 + 1
+STEPS_PER_NODE = 8  # of the integral of the energy
 AIRY_ZERO = 3.8317059702075123  # of J₁
 
 
 def point_spread(x: ArrayLike, obstruction: float = 0.0) -> Float64Array:
-    """p at x: energy per area of the plane of x."""
+    """Return p at x: energy per area of the plane of x."""
     amplitude = _amplitude(np.asarray(x, dtype=float), obstruction)
     return np.asarray(amplitude**2 / (4 * math.pi * (1 - obstruction**2)))
 
 
 def _amplitude(x: Float64Array, obstruction: float) -> Float64Array:
-    """2J₁(x)/x − ε²·2J₁(εx)/(εx)."""
+    """Return 2J₁(x)/x − ε²·2J₁(εx)/(εx)."""
     return _jinc(x) - obstruction**2 * _jinc(obstruction * x)
 
 
 def _jinc(x: Float64Array) -> Float64Array:
-    """2J₁(x)/x, which is 1 at 0."""
+    """Return 2J₁(x)/x, which is 1 at 0."""
     safe = np.maximum(x, 1e-9)
     return np.where(x < 1e-9, 1.0, 2 * scipy.special.j1(safe) / safe)
 
 
 def encircled_energy(x: ArrayLike, obstruction: float = 0.0) -> Float64Array:
-    """Share of the energy inside x: 1 − J₀² − J₁² of a clear pupil, else integrated from 0 to each x.
+    """Return the fraction of the energy inside x: 1 − J₀² − J₁² for a clear pupil, else the integral from 0 to x.
 
-    x : any for a clear pupil; increasing, from 0 on, and close to each other, with an obstruction.
+    x : with an obstruction, must start at 0 and increase in small steps.
     """
     at = np.asarray(x, dtype=float)
     if obstruction == 0:
@@ -62,21 +62,21 @@ def encircled_energy(x: ArrayLike, obstruction: float = 0.0) -> Float64Array:
 
 @lru_cache(maxsize=32)
 def first_zero(obstruction: float = 0.0) -> float:
-    """x of the first dark ring, 3.83 without an obstruction; r = 1.22·λN."""
+    """Return x of the first dark ring; 3.83 without obstruction, where r = 1.22·λN."""
     if obstruction == 0:
         return AIRY_ZERO  # without scipy.optimize, which takes a second to import
     return root(lambda x: float(_amplitude(np.asarray(x), obstruction)), 1.5, AIRY_ZERO)
 
 
 def airy_diameter_um(wavelength_nm: float, f_number: float, obstruction: float = 0.0) -> float:
-    """Diameter of the first dark ring on the sensor [µm].  f_number : the working one."""
+    """Return the diameter of the first dark ring on the sensor [µm].  f_number : working f-number."""
     return 2 * first_zero(obstruction) / math.pi * wavelength_nm * 1e-3 * f_number
 
 
 def diffraction_mtf(frequency: ArrayLike, obstruction: float = 0.0) -> Float64Array:
-    """Modulation transfer function at ν·λ·N, the frequency over the highest that the pupil passes.
+    """Return the MTF at ν·λ·N, the frequency over the cut-off frequency of the pupil.
 
-    The overlap of the pupil with itself, over its area: (2/π)·(acos s − s√(1 − s²)) without an obstruction.
+    It is the autocorrelation of the pupil over its area: (2/π)·(acos s − s√(1 − s²)) without obstruction.
     """
     s, ring = np.abs(np.asarray(frequency, dtype=float)), obstruction
     both, inner = _overlap(1.0, 1.0, 2 * s), _overlap(ring, ring, 2 * s)
@@ -86,7 +86,7 @@ def diffraction_mtf(frequency: ArrayLike, obstruction: float = 0.0) -> Float64Ar
 
 
 def _overlap(large: float, small: float, distance: Float64Array) -> Float64Array:
-    """Area that two circles of these radii have in common, at these distances of their centres."""
+    """Return the intersection area of two circles with these radii and centre distances."""
     if small == 0:
         return np.zeros_like(distance)
     crossing = np.clip(distance, max(large - small, 1e-12), large + small)
@@ -101,10 +101,9 @@ def _overlap(large: float, small: float, distance: Float64Array) -> Float64Array
 def aperture_mtf(
     frequency: ArrayLike, width: float = 1.0, cells: Sequence[float] = (1.0,)
 ) -> Float64Array:
-    """Modulation transfer function of a pixel of this width along one direction: |sinc| where all of it counts alike.
+    """Return the MTF of a pixel of this width along one direction; |sinc| for uniform sensitivity.
 
-    frequency times width : in cycles.  cells : sensitivity of equal parts of the width, if it is measured; the modulus
-    of the transform of these steps.
+    frequency times width : in cycles.  cells : measured sensitivity of equal parts of the width.
     """
     cycles = np.asarray(frequency, dtype=float)[..., None] * width
     count, shares = len(cells), np.array(cells) / np.sum(cells)
@@ -114,11 +113,11 @@ def aperture_mtf(
 
 @dataclass(frozen=True, eq=False)
 class PointSpreadTables:
-    """What a renderer needs to draw radii x and to compare their densities.
+    """Tables for drawing radii x and evaluating their densities.
 
-    radii : (SHARES,) x at equidistant shares of the energy from 0 to ``inside``, which is what is inside ``edge``.
-    densities : (NODES,) p at equidistant x from 0 to ``edge``.
-    Farther out 1 − E is (1 − inside)·edge/x, and p is ``tail``/x³.
+    radii : (ENERGY_NODES,) x at equidistant energies from 0 to ``inside``, the energy inside ``edge``.
+    densities : (DENSITY_NODES,) p at equidistant x from 0 to ``edge``.
+    Farther out, 1 − E is (1 − inside)·edge/x, and p is ``tail``/x³.
     """
 
     radii: Float64Array
@@ -128,16 +127,17 @@ class PointSpreadTables:
 
     @property
     def tail(self) -> float:
-        """p·x³ beyond ``edge``."""
+        """p·x³ outside ``edge``."""
         return (1 - self.inside) * self.edge / (2 * math.pi)
 
 
 @lru_cache(maxsize=8)
 def point_spread_tables(obstruction: float = 0.0) -> PointSpreadTables:
-    """The tables of a pupil."""
+    """Return the tables of a pupil."""
     edge = TAIL_FROM / (1 - obstruction)
-    x = np.linspace(0.0, edge, FINER * (NODES - 1) + 1)
+    x = np.linspace(0.0, edge, STEPS_PER_NODE * (DENSITY_NODES - 1) + 1)
     energy = np.maximum.accumulate(encircled_energy(x, obstruction))
     inside = float(energy[-1])
-    radii = np.interp(np.linspace(0.0, inside, SHARES), energy, x)
-    return PointSpreadTables(radii, point_spread(x[::FINER], obstruction), inside, edge)
+    radii = np.interp(np.linspace(0.0, inside, ENERGY_NODES), energy, x)
+    densities = point_spread(x[::STEPS_PER_NODE], obstruction)
+    return PointSpreadTables(radii, densities, inside, edge)

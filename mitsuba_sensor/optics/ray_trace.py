@@ -1,7 +1,7 @@
-"""Sequential ray trace through a lens prescription, from the sensor to the scene, for NumPy and Dr.Jit alike.
+"""Sequential ray trace through a lens prescription, from the sensor to the scene, on NumPy or Dr.Jit.
 
-The z axis is the optical axis, towards the scene. Each surface is intersected in a frame whose origin is its vertex, so
-that float32 holds numbers of the size of the lens only. Lengths are in mm. The refractive index of a glass follows from
+The z axis is the optical axis, towards the scene. Each surface is intersected in a frame with its vertex as origin, so
+float32 only holds numbers of the size of the lens. Lengths are in mm. The refractive index of a glass follows from
 Sellmeier or Cauchy coefficients.
 """
 
@@ -20,14 +20,15 @@ if TYPE_CHECKING:
     from ..camera.lens_datasheet import PrescriptionSection, SurfaceSection
 
 NEWTON_STEPS = 6
-"""From the conic to the asphere: they converge quadratically, float64 needs four or five."""
-WINDOW = 1.5  # of the last clear aperture: where a slanting ray that hits it may cross the plane of its vertex
+"""Newton steps from the conic to the asphere; float64 needs four or five."""
+# Of the last clear aperture: slanting rays cross the plane of its vertex farther out.
+WINDOW = 1.5
 D_NM, F_NM, C_NM = 587.5618, 486.1327, 656.2725  # Fraunhofer lines (ISO 7944): He d, H F, H C
 
 
 @dataclass(frozen=True)
 class Glass:
-    """n(λ): Sellmeier's three terms if the manufacturer gives them, else Cauchy's two from index and Abbe number.
+    """n(λ) by Sellmeier's three terms, or by Cauchy's two terms from index and Abbe number.
 
     coefficients : B1 … B3, C1 … C3 [µm²] of n² − 1 = Σ B·λ²/(λ² − C); or A, B of n = A + B/λ².
     """
@@ -35,7 +36,7 @@ class Glass:
     coefficients: tuple[float, ...]
 
     def index(self, wavelength_nm: Array = D_NM) -> Array:
-        """n at a wavelength [nm], of the same type."""
+        """Return n at a wavelength [nm], with the same type."""
         square = wavelength_nm * wavelength_nm * 1e-6
         if len(self.coefficients) == 2:
             constant, slope = self.coefficients
@@ -48,10 +49,10 @@ AIR = Glass((1.0, 0.0))
 
 
 def glass_behind(surface: SurfaceSection) -> Glass:
-    """The glass behind a surface of a prescription; without an Abbe number it has no dispersion.
+    """Return the glass after a surface of a prescription; without an Abbe number it has no dispersion.
 
-    Cauchy's B follows from V = (n_d − 1)/(n_F − n_C), A from n_d. The error for Schott's N-BK7 is at most
-    0.0003 from 400 to 700 nm and 0.002 at 1000 nm.
+    Cauchy's B follows from V = (n_d − 1)/(n_F − n_C), A from n_d. For Schott's N-BK7, the error is at most 0.0003 from
+    400 to 700 nm and 0.002 at 1000 nm.
     """
     if surface.sellmeier is not None:
         return Glass(surface.sellmeier)
@@ -63,7 +64,7 @@ def glass_behind(surface: SurfaceSection) -> Glass:
 
 
 class Ray(NamedTuple):
-    """Points [mm] and unit directions, by component; unvignetted : True where no aperture has stopped the ray."""
+    """Points [mm] and unit directions, by component.  unvignetted : True if no aperture stopped the ray."""
 
     x: Array
     y: Array
@@ -93,39 +94,39 @@ def ray_to(
 
 @dataclass(frozen=True)
 class Surface:
-    """One surface, in the order from the sensor to the scene."""
+    """A surface, in the order from the sensor to the scene."""
 
     curvature: float  # 1/radius [1/mm], positive if the centre is towards the scene
     conic: float
-    aspheric: tuple[float, ...]  # the sag is that of the conic plus Σ aspheric[k]·r^(2k + 4)
+    aspheric: tuple[float, ...]  # the sag is the conic's plus Σ aspheric[k]·r^(2k + 4)
     semi_diameter: Array
     gap: float  # to the next surface towards the scene [mm]
-    beyond: Glass  # the medium on the side of the scene
+    beyond: Glass  # the medium on the scene side
     stop: bool
-    obscuration: float = 0.0  # radius of a disk in the middle that stops rays [mm]
+    obscuration: float = 0.0  # radius of an opaque disk in the middle [mm]
 
 
 @dataclass(frozen=True)
 class SequentialSurfaces:
-    """A lens that is known by its surfaces, in the order from the sensor to the scene. z is 0 at its last vertex."""
+    """A lens given by its surfaces, in the order from the sensor to the scene. z is 0 at its last vertex."""
 
     surfaces: tuple[Surface, ...]
 
     def with_stop(self, radius: Array) -> SequentialSurfaces:
-        """Return the same lens with another radius of the stop [mm]."""
+        """Return the lens with another stop radius [mm]."""
         return SequentialSurfaces(
             tuple(replace(s, semi_diameter=radius) if s.stop else s for s in self.surfaces)
         )
 
     def unobscured(self) -> SequentialSurfaces:
-        """Return the lens without central obscurations, which do not change where light would go."""
+        """Return the lens without central obscurations, which do not change ray paths."""
         return SequentialSurfaces(tuple(replace(s, obscuration=0.0) for s in self.surfaces))
 
     def trace(self, ray: Ray, wavelength_nm: Array = D_NM) -> Ray:
-        """Trace rays that start in air before the last vertex (z < 0) until they leave the first surface.
+        """Trace rays from the air before the last vertex (z < 0) until they leave the first surface.
 
-        wavelength_nm : of every ray, or one for all. The returned points lie on the first surface, with z from the last
-        vertex. The numbers of a ray that missed a surface, was vignetted or totally reflected are undefined.
+        wavelength_nm : one per ray, or one for all. The returned points lie on the first surface, with z from the last
+        vertex. Values are undefined for rays that missed a surface, were vignetted or totally reflected.
         """
         medium, index, length = AIR, 1.0, 0.0
         for surface in self.surfaces:
@@ -139,11 +140,11 @@ class SequentialSurfaces:
         return ray._replace(z=ray.z + length)
 
     def unvignetted(self, ray: Ray, wavelength_nm: Array = D_NM) -> Array:
-        """Return True where no aperture stops the rays."""
+        """Return True for rays that no aperture stops."""
         return self.trace(ray, wavelength_nm).unvignetted
 
     def miss_stop(self, ray: Ray) -> Array:
-        """Return x where rays in the plane of x and z cross the plane of the stop [mm]."""
+        """Return x of rays in the x-z plane where they cross the plane of the stop [mm]."""
         stop = next(number for number, surface in enumerate(self.surfaces) if surface.stop)
         return SequentialSurfaces(self.surfaces[: stop + 1]).trace(ray).x
 
@@ -153,14 +154,13 @@ class SequentialSurfaces:
 
 
 def lens_surfaces(prescription: PrescriptionSection, scale: float) -> SequentialSurfaces:
-    """Return the surfaces of a prescription with all lengths times ``scale``, its stop wide open."""
+    """Return the surfaces of a prescription with lengths times ``scale``, and the stop wide open."""
     surfaces: list[Surface] = []
-    gap, beyond = 0.0, AIR  # between a surface and the one before it, towards the scene
+    gap, beyond = 0.0, AIR  # on the scene side of a surface
     for section in prescription.surfaces:
+        radius_mm = section.radius_mm
         surface = Surface(
-            curvature=-1 / (section.radius_mm * scale)
-            if section.radius_mm is not None
-            else 0.0,
+            curvature=0.0 if radius_mm is None else -1 / (radius_mm * scale),
             conic=section.conic,
             aspheric=tuple(-a / scale ** (2 * k + 3) for k, a in enumerate(section.aspheric)),
             semi_diameter=section.semi_diameter_mm * scale,
@@ -175,7 +175,7 @@ def lens_surfaces(prescription: PrescriptionSection, scale: float) -> Sequential
 
 
 def _intersect(surface: Surface, ray: Ray) -> Ray:
-    """Intersections with the surface within its clear aperture (Welford 1986, sections 4.3 and 4.6)."""
+    """Return the intersections with the surface in its clear aperture (Welford 1986, sections 4.3 and 4.6)."""
     x, y, z, dx, dy, dz, unvignetted = ray
     away = -z / dz
     x, y, z = x + away * dx, y + away * dy, 0.0
@@ -199,9 +199,9 @@ def _intersect(surface: Surface, ray: Ray) -> Ray:
 
 
 def _sag(surface: Surface, square: Array) -> tuple[Array, Array]:
-    """z of the surface at r², and its derivative by r²."""
+    """Return z of the surface at r², and its derivative by r²."""
     c = surface.curvature
-    # Beyond the edge of a conic rays are vignetted.
+    # Outside the edge of a conic, rays are vignetted.
     root = _root(1.0 - (1.0 + surface.conic) * c * c * square) + 1e-9
     sag, slope, power = c * square / (1.0 + root), 0.5 * c / root, square
     for k, a in enumerate(surface.aspheric):
@@ -211,10 +211,10 @@ def _sag(surface: Surface, square: Array) -> tuple[Array, Array]:
 
 
 def _refract(surface: Surface, ray: Ray, ratio: Array) -> Ray:
-    """Snell's law, ratio = n/n′: d′ = ratio·d + (cos θ′ − ratio·cos θ)·normal."""
+    """Refract by Snell's law, ratio = n/n′: d′ = ratio·d + (cos θ′ − ratio·cos θ)·normal."""
     x, y, z, dx, dy, dz, unvignetted = ray
     c, conic = surface.curvature, surface.conic
-    # The normal towards the scene; a unit vector of a sphere.
+    # The normal towards the scene; a unit vector for a sphere.
     nx, ny, nz = -c * x, -c * y, 1.0 - c * (1.0 + conic) * z
     if surface.aspheric:
         _, slope = _sag(surface, x * x + y * y)
@@ -234,7 +234,7 @@ def _refract(surface: Surface, ray: Ray, ratio: Array) -> Ray:
 
 
 def _root(x: Array) -> Array:
-    """√x, and 0 below 0; of a float in scalar variants, which trace single rays."""
+    """Return √x, and 0 below 0; scalar variants trace single rays as floats."""
     if isinstance(x, float):
         return math.sqrt(max(x, 0.0))
     return sqrt(maximum(x, 0.0))

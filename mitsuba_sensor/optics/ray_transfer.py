@@ -1,12 +1,12 @@
-"""Ray-transfer functions: polynomials from each ray on the side of the sensor to the one it becomes (ISET).
+"""Ray-transfer functions: polynomials from rays on the sensor side to rays on the scene side (ISET).
 
-A ray crosses the input plane at the distance r from the axis with the direction cosines dx, dy, in a frame turned about
-the axis so that this point lies on +y. Polynomials of r, dx and dy give its point and direction on the side of the
-scene in the same frame. It passes if its point in the pass plane lies in an ellipse that depends on r, or in circles
-whose centres move with r. Goossens et al. 2022, arXiv 2202.08880.
+A ray crosses the input plane at the distance r from the axis with direction cosines dx, dy, in a frame rotated about
+the axis so that this point lies on +y. Polynomials of r, dx and dy give its point and direction on the scene side in
+the same frame. The ray passes if its point in the pass plane lies in an ellipse that depends on r, or in circles whose
+centres move with r. Goossens et al. 2022, arXiv 2202.08880.
 
-Lengths are in mm, z is towards the scene and 0 in the pass plane. Polynomials are computed in float64: of the degree 16
-they are sums of terms that are 100 000 times larger.
+Lengths are in mm; z points to the scene and is 0 in the pass plane. Polynomials need float64: at degree 16, they sum
+terms 100 000 times larger than the result.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from .ray_trace import D_NM, Ray
 if TYPE_CHECKING:
     from ..camera.lens_datasheet import RayPolynomialSection, RayTransferSection
 
-ON_AXIS = 1e-12  # below this distance the direction of r is any [mm]
+ON_AXIS_MM = 1e-12  # below this distance, r has no direction
 NO_STOP_MM = 1e9
 
 
 @dataclass(frozen=True)
 class RayPolynomial:
-    """Sum of coefficient·r^a·dx^b·dy^c.  terms : powers of r and dx → coefficients by the power of dy."""
+    """Sum of coefficient·r^a·dx^b·dy^c.  terms : powers of r and dx → power of dy → coefficient."""
 
     terms: dict[tuple[int, int], dict[int, float]]
 
     def value(self, r: Array, dx: Array, dy: Array) -> Array:
-        """Of NumPy or Dr.Jit arrays, or of numbers."""
+        """Return the polynomial of NumPy or Dr.Jit arrays, or of numbers."""
         r_powers, dx_powers = [1.0], [1.0]
         total = 0.0 * r
         for (a, b), by_dy in self.terms.items():
@@ -49,7 +49,7 @@ class RayPolynomial:
         return total
 
     def slope(self, r: int, dy: int) -> float:
-        """Coefficient of r^r·dy^dy."""
+        """Return the coefficient of r^r·dy^dy."""
         return self.terms.get((r, 0), {}).get(dy, 0.0)
 
 
@@ -65,7 +65,7 @@ def ray_polynomial(section: RayPolynomialSection) -> RayPolynomial:
 
 @dataclass(frozen=True)
 class PassEllipses:
-    """An ellipse for each of some heights r in the input plane, linear between them; no ray beyond the last passes."""
+    """Ellipses at heights r in the input plane, interpolated linearly; rays above the last height do not pass."""
 
     heights: tuple[float, ...]
     centers: tuple[float, ...]
@@ -73,7 +73,7 @@ class PassEllipses:
     radii_y: tuple[float, ...]
 
     def contains(self, r: Array, x: Array, y: Array) -> Array:
-        """Return True for rays of height r and the point (x, y) in the pass plane that pass."""
+        """Return True for passing rays of height r with the point (x, y) in the pass plane."""
         hinges = [maximum(r - height, 0.0) for height in self.heights[:-1]]
         center, radius_x, radius_y = (
             _linear(self.heights, values, hinges)
@@ -91,7 +91,7 @@ class PassEllipses:
 def _linear(
     heights: tuple[float, ...], values: tuple[float, ...], hinges: list[Array]
 ) -> Array:
-    """Values between the heights.  hinges : max(r − height, 0) of all heights but the last."""
+    """Return interpolated values.  hinges : max(r − height, 0) for all heights except the last."""
     slopes = np.diff(values) / np.diff(heights)
     total = values[0]
     for hinge, bend in zip(hinges, np.diff(slopes, prepend=0.0), strict=True):
@@ -101,13 +101,13 @@ def _linear(
 
 @dataclass(frozen=True)
 class PassCircles:
-    """Circles whose centres move with r; a ray passes if it is in all of them."""
+    """Circles whose centres move with r; a ray must pass all circles."""
 
     radii: tuple[float, ...]
     sensitivities: tuple[float, ...]
 
     def contains(self, r: Array, x: Array, y: Array) -> Array:
-        """Return True for rays that are in all circles."""
+        """Return True for rays in all circles."""
         inside = r >= 0.0
         for radius, sensitivity in zip(self.radii, self.sensitivities, strict=True):
             along = y - sensitivity * r
@@ -117,7 +117,7 @@ class PassCircles:
     def reach(self, share: float, highest: float) -> float:
         """Return how far from the axis rays from below an image height pass [mm]: |y − s·r| ≤ R.
 
-        share : of the way from the film to the pass plane, where the input plane is: r is between image point and y.
+        share : position of the input plane between film and pass plane, as a fraction.
         """
         edges = []
         for radius, sensitivity in zip(self.radii, self.sensitivities, strict=True):
@@ -128,14 +128,14 @@ class PassCircles:
 
 @dataclass(frozen=True)
 class RayTransfer:
-    """A lens that is known by its ray transfer, all lengths times ``scale``.
+    """A lens given by its ray transfer, with all lengths times ``scale``.
 
-    outputs : polynomials by the number that they give.
-    depth : from the input plane to the pass plane [mm of the file],
-    length : from the pass plane to the first vertex, and
-    output_plane : from there to where rays leave on the axis, towards the scene.
-    exit_pupil : behind the pass plane, towards the sensor, and
-    stop_radius : of the exit pupil of a lens that is stopped down [mm].
+    outputs : name of the coordinate → polynomial.
+    depth : distance from the input plane to the pass plane [mm in the file].
+    length : distance from the pass plane to the first vertex.
+    output_plane : distance from there to the output plane, towards the scene.
+    exit_pupil : distance from the pass plane towards the sensor [mm].
+    stop_radius : of the exit pupil when stopped down [mm].
     """
 
     outputs: dict[str, RayPolynomial]
@@ -149,15 +149,15 @@ class RayTransfer:
     stop_radius: Array = NO_STOP_MM
 
     def with_stop(self, radius: Array) -> RayTransfer:
-        """Return the same lens with another radius of the stop [mm]."""
+        """Return the lens with another stop radius [mm]."""
         return replace(self, stop_radius=radius)
 
     def unobscured(self) -> RayTransfer:
-        """Return the lens itself: its pass function has no central obscuration."""
+        """Return the lens itself; it has no central obscuration."""
         return self
 
     def trace(self, ray: Ray, wavelength_nm: Array = D_NM) -> Ray:
-        """What becomes of rays that start before the pass plane; the wavelength is that of the fit."""
+        """Trace rays that start before the pass plane, at the wavelength of the fit."""
         r, dx, dy, (ux, uy) = self._at_input(ray)
         out = {name: polynomial.value(r, dx, dy) for name, polynomial in self.outputs.items()}
         square = 1.0 - out["dx"] * out["dx"] - out["dy"] * out["dy"]
@@ -182,22 +182,22 @@ class RayTransfer:
         return Ray(x, y, z, dx, dy, dz, passes)
 
     def unvignetted(self, ray: Ray, wavelength_nm: Array = D_NM) -> Array:
-        """Whether rays pass."""
+        """Return True for passing rays."""
         x, y = self._at_exit_pupil(ray)
         in_stop = x * x + y * y <= self.stop_radius * self.stop_radius
         return ray.unvignetted & self.passes.contains(*self._in_pass_plane(ray)) & in_stop
 
     def miss_stop(self, ray: Ray) -> Array:
-        """x in the plane of the exit pupil [mm]."""
+        """Return x in the plane of the exit pupil [mm]."""
         return self._at_exit_pupil(ray)[0]
 
     def _at_exit_pupil(self, ray: Ray) -> tuple[Array, Array]:
-        """Where rays cross the plane of the exit pupil [mm]."""
+        """Return x and y of rays in the plane of the exit pupil [mm]."""
         away = (-self.exit_pupil - ray.z) / ray.dz
         return ray.x + away * ray.dx, ray.y + away * ray.dy
 
     def reach(self, distance: float, highest: float) -> float:
-        """No ray from below an image height passes the pass plane farther from the axis [mm].
+        """Return how far from the axis rays from below an image height cross the pass plane [mm].
 
         distance : from the film to the pass plane.
         """
@@ -207,17 +207,17 @@ class RayTransfer:
         return float(min(lit, edge / (distance - self.exit_pupil)))
 
     def _at_input(self, ray: Ray) -> tuple[Array, Array, Array, tuple[Array, Array]]:
-        """r, dx and dy of rays in the frame whose +y they cross, and the direction of r."""
+        """Return r, dx and dy of rays in the frame whose +y they cross, and the direction of r."""
         x, y, z, dx, dy, dz = (_double(number) for number in ray[:6])
         away = -self.depth - z / self.scale
         x, y = x / self.scale + away * dx / dz, y / self.scale + away * dy / dz
         r = sqrt(x * x + y * y)
-        safe = maximum(r, ON_AXIS)
-        ux, uy = x / safe, where(r < ON_AXIS, 1.0, y / safe)
+        safe = maximum(r, ON_AXIS_MM)
+        ux, uy = x / safe, where(r < ON_AXIS_MM, 1.0, y / safe)
         return r, dx * uy - dy * ux, dx * ux + dy * uy, (ux, uy)
 
     def _in_pass_plane(self, ray: Ray) -> tuple[Array, Array, Array]:
-        """r of rays, and their points in the pass plane in the same frame."""
+        """Return r of rays, and their points in the pass plane in the same frame."""
         r, dx, dy, _ = self._at_input(ray)
         per_z = self.depth / sqrt(maximum(1.0 - dx * dx - dy * dy, 1e-12))
         return r, dx * per_z, r + dy * per_z

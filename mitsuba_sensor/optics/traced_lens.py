@@ -1,15 +1,15 @@
 """The traced lens of a camera, a prescription or a ray transfer: its paraxial optics and its chief rays.
 
-Focal length, focal points, pupils, stop radius and the distance of the sensor follow from the surfaces, or from the
-linear terms of the polynomials of a ray transfer and the middle of its pupil. For a ray transfer the first vertex is
-that of the lens, and the pass plane, from which its rays are traced, stands for the last one.
+Focal length, focal points, pupils, stop radius and sensor distance follow from the surfaces, or from the linear terms
+of a ray transfer and the centre of its pupil. For a ray transfer, the pass plane, where its rays start, replaces the
+last vertex.
 
-Exit-pupil bounds: vignetting and the slant of the pupil leave only a few per cent of the rear of a lens unvignetted for
-the corner of an image. A grid of rays is traced from each of many image heights along one radius, for one half of the
-plane, and an ellipse in the reference plane is found that contains all unvignetted rays; the renderer samples it.
+Exit-pupil bounds: vignetting and pupil tilt leave only a few per cent of the rear of a lens open for the image corner.
+A grid of rays is traced from many image heights along one radius, for half of the plane. An ellipse in the reference
+plane encloses all unvignetted rays; the renderer samples it.
 
-Light runs from the scene to the sensor; a ray is (height y, angle u). A surface of radius R between n and n′ gives
-n′u′ = nu − y(n′ − n)/R, a gap t gives y′ = y + tu. Every distance is in mm, positive towards the sensor.
+Light travels from the scene to the sensor; a ray is (height y, angle u). A surface of radius R between n and n′ gives
+n′u′ = nu − y(n′ − n)/R, a gap t gives y′ = y + tu. Distances are in mm, positive towards the sensor.
 """
 
 from __future__ import annotations
@@ -31,25 +31,19 @@ if TYPE_CHECKING:
     from ..camera.lens_datasheet import LensSection, SurfaceSection
 
 TracedLens: TypeAlias = SequentialSurfaces | RayTransfer
-"""Rays start at z < 0; z is 0 at the reference plane, the last vertex of surfaces or the pass plane of a transfer."""
-AXIAL_RAYS, REFINEMENTS = (
-    256,
-    3,
-)  # by which the widest cone of light on the axis, or the exit pupil, is found
-WIDE_OPEN = 1.01  # up to this f-number over the lowest one a ray transfer is not stopped down
-NEAR_AXIS = (
-    0.1  # heights over the back focus at which the exit pupil of a ray transfer is sought
-)
+"""Rays start at z < 0; z is 0 at the reference plane: the last vertex of surfaces, or the pass plane of a transfer."""
+AXIAL_RAYS, REFINEMENTS = 256, 3  # in searches for the widest light cone and the exit pupil
+WIDE_OPEN_RATIO = 1.01  # up to this multiple of its lowest f-number, a ray transfer has no stop
+PUPIL_FIT_HEIGHT = 0.1  # largest image height over back focus in the fit of an exit pupil
 PUPIL_HEIGHTS, PUPIL_RAYS, UNVIGNETTED = 25, 4001, 0.98
-SAME_ETENDUE = (
-    0.05  # by how much the determinant of linear terms may differ from 1, that of a lens in air
-)
-SECANTS = 12  # steps to the middle of the stop; superlinear, six are enough
+# Of the linear terms of a fit; a lens in air has the determinant 1.
+DETERMINANT_TOLERANCE = 0.05
+SECANT_STEPS = 12  # to the centre of the stop; six suffice
 INTERVALS = 32
-"""Intervals of the table; the ellipses also contain what passes half-way between its entries."""
+"""Intervals of the table; the ellipses also enclose rays halfway between its entries."""
 GRID = 64  # rays across the window, in each refinement
-TINY = 1e-150  # half axis of an empty ellipse; its square is still above 0
-POINTS = 17  # of the table of chief rays, without the axis
+HALF_AXIS_MIN = 1e-150  # of an empty ellipse; its square is still positive
+CHIEF_RAYS = 17  # of the table of chief rays, without the axis
 
 
 @dataclass(frozen=True)
@@ -57,48 +51,48 @@ class CardinalPoints:
     """Focal points and pupils of a lens [mm]."""
 
     focal_length: float
-    front_focus: float  # behind the first vertex
-    back_focus: float  # behind the last vertex
-    entrance_pupil: float  # behind the first vertex
+    front_focus: float  # after the first vertex
+    back_focus: float  # after the last vertex
+    entrance_pupil: float  # after the first vertex
     entrance_radius: float
-    exit_pupil: float  # behind the last vertex
-    stop_radius: float  # of the aperture stop, whose paraxial image the entrance pupil is
+    exit_pupil: float  # after the last vertex
+    stop_radius: float  # of the aperture stop; its paraxial image is the entrance pupil
     length: float  # from the first to the last vertex
     scale: float  # factor on all lengths of the prescription
 
     def image_distance(self, focus_m: float) -> float:
-        """From the last vertex to the sensor [mm] for an object in focus at ``focus_m`` before the entrance pupil.
+        """Return the distance from the last vertex to the sensor [mm], focused ``focus_m`` before the entrance pupil.
 
-        Newton: x·x′ = −f², with x from the front focal point to the object, x′ from the back one to its image.
+        Newton: x·x′ = −f², with x from the front focal point to the object, x′ from the back focal point to the image.
         """
         return self.back_focus + self.focal_length**2 / self._object_distance(focus_m)
 
     def principal_distance(self, focus_m: float) -> float:
-        """Image height over the tangent of the field angle [mm]: |m|·focus distance, |m| = f/|x|; f at infinity."""
+        """Return image height over tangent of field angle [mm]: |m|·focus distance, |m| = f/|x|; f at infinity."""
         if math.isinf(focus_m):
             return self.focal_length
         return self.focal_length * focus_m * 1e3 / self._object_distance(focus_m)
 
     def _object_distance(self, focus_m: float) -> float:
-        """From the front focal point to the object [mm]."""
+        """Return the distance from the front focal point to the object [mm]."""
         distance = focus_m * 1e3 - self.entrance_pupil + self.front_focus
         if distance <= 0:
             nearest_m = (self.entrance_pupil - self.front_focus) * 1e-3
             raise InputError(
-                f"the focus distance is {focus_m:g} m, and the lens has no real image of objects nearer than "
-                f"{nearest_m:.3g} m; set lens.focus_m or the scene's focus_distance to a larger value."
+                f"the focus distance is {focus_m:g} m; it must be above {nearest_m:.3g} m for a real image: increase "
+                "lens.focus_m or the scene's focus_distance."
             )
         return distance
 
 
 @lru_cache(maxsize=32)
 def cardinal_points(lens: LensSection) -> CardinalPoints:
-    """Paraxial data of a camera's prescription at 587.56 nm, scaled and stopped down to its f-number.
+    """Return the paraxial data of a camera's prescription at 587.56 nm, scaled and stopped down to its f-number.
 
-    The f-number sets the diaphragm: the paraxial entrance pupil has the diameter f/N, as in programs for lens design,
-    and the stop is as large as its image. Irradiance follows from the rays that pass the stop; on the axis it differs
-    from π·L/(4N²) by the aberrations of the pupil, for the double Gauss by +0.95 % at f/2.8 and +0.17 % at f/5.6.
-    Raises InputError if the lens has no positive focal length, or cannot be opened so far.
+    The f-number sets the stop: the paraxial entrance pupil has the diameter f/N, as in lens-design programs, and the
+    stop is the size of its image. Irradiance follows from the rays through the stop. On the axis, pupil aberrations
+    change it from π·L/(4N²), for the double Gauss by +0.95 % at f/2.8 and +0.17 % at f/5.6.
+    Raises InputError if the focal length is not positive, or the f-number is too low for the lens.
     """
     prescription = lens.prescription
     assert prescription is not None
@@ -113,7 +107,7 @@ def cardinal_points(lens: LensSection) -> CardinalPoints:
     _, rb, _, rd, _ = _matrix(steps[stop:], index)
     if fa == 0 or rd == 0 or a <= 0:
         raise InputError(
-            f"the lens {prescription.name!r} has a pupil or an image at infinity; move its stop."
+            f"the lens {prescription.name!r} has its pupil or image at infinity; move its stop."
         )
     scale = lens.focal_length_mm * -c if lens.focal_length_mm is not None else 1.0
     back_focus = -scale * a / c
@@ -151,14 +145,14 @@ def traced_lens(lens: LensSection) -> TracedLens:
 
 
 class ChiefRays(NamedTuple):
-    """Rays from the film, and what becomes of them on the side of the scene; NaN where there is none."""
+    """Rays at the film and on the scene side; NaN if a ray does not exist."""
 
     start: Ray
     end: Ray
 
 
 def trace_chief_rays(lens: LensSection, focus_m: float, heights_mm: Float64Array) -> ChiefRays:
-    """Trace the chief rays of image heights through the middle of the stop, for a sensor in focus at a distance."""
+    """Trace the chief rays of image heights through the centre of the stop, focused at a distance."""
     points, traced = cardinal_points(lens), traced_lens(lens).unobscured()
     distance = points.image_distance(focus_m)
 
@@ -169,7 +163,7 @@ def trace_chief_rays(lens: LensSection, focus_m: float, heights_mm: Float64Array
         # Start at the paraxial exit pupil.
         before = heights_mm * points.exit_pupil / (points.exit_pupil - distance)
         radial, miss_before = before + 1e-3, np.asarray(traced.miss_stop(ray_through(before)))
-        for _ in range(SECANTS):
+        for _ in range(SECANT_STEPS):
             miss = np.asarray(traced.miss_stop(ray_through(radial)))
             secant = miss * (radial - before) / (miss - miss_before)
             step = np.where(miss == miss_before, 0.0, secant)
@@ -181,13 +175,13 @@ def trace_chief_rays(lens: LensSection, focus_m: float, heights_mm: Float64Array
 def chief_ray_heights(
     lens: LensSection, focus_m: float, highest_mm: float
 ) -> tuple[Float64Array, Float64Array]:
-    """(ideal, real) image heights of points in the plane that is in focus, up to ``highest_mm`` [mm].
+    """Return (ideal, real) image heights of points in the focus plane, up to ``highest_mm`` [mm].
 
-    Ideal is the principal distance times the tangent of the field angle at the middle of the paraxial entrance pupil.
-    Heights whose chief ray is vignetted or misses a surface are left out.
+    Ideal heights are the principal distance times the tangent of the field angle at the centre of the paraxial entrance
+    pupil. Heights with a vignetted chief ray are omitted.
     """
     points = cardinal_points(lens)
-    heights = highest_mm * np.arange(1, POINTS + 1) / POINTS
+    heights = highest_mm * np.arange(1, CHIEF_RAYS + 1) / CHIEF_RAYS
     end = trace_chief_rays(lens, focus_m, heights).end
     with np.errstate(all="ignore"):
         tangent = slope = end.dx / end.dz
@@ -199,24 +193,23 @@ def chief_ray_heights(
 
 
 def _require_open(lens: LensSection, closing: float) -> None:
-    """Raise InputError for an f-number below the lowest one of the lens, which is ``closing`` times as large."""
+    """Raise InputError for an f-number below the lowest f-number of the lens, ``closing`` times as large."""
     assert lens.prescription is not None
     name = lens.prescription.name
-    if not closing < math.inf:  # NaN, too
+    if not closing < math.inf:  # also for NaN
         raise InputError(
-            f"no light on the axis passes the lens {name!r}; check the semi-diameters, radii and glasses "
-            "of its surfaces."
+            f"the lens {name!r} passes no light on the axis; check semi-diameters, radii and glasses of its surfaces."
         )
     if closing > 1:
         fastest = math.ceil(lens.f_number * closing * 100) / 100
         raise InputError(
-            f"lens.f_number is {lens.f_number:g}, and the lens {name!r} opens to f/{fastest:g} at most; "
-            f"set lens.f_number to {fastest:g} or more."
+            f"lens.f_number is {lens.f_number:g}; it must be at least {fastest:g}, the lowest f-number of the lens "
+            f"{name!r}."
         )
 
 
 def _transfer_points(lens: LensSection) -> CardinalPoints:
-    """Return the cardinal points of a ray transfer. Raises InputError if it is no lens, or cannot be opened so far."""
+    """Return the cardinal points of a ray transfer. Raises InputError for invalid ones and for a low f-number."""
     prescription = lens.prescription
     assert prescription is not None and prescription.ray_transfer is not None
     name, transfer = prescription.name, ray_transfer(prescription.ray_transfer, 1.0)
@@ -227,10 +220,12 @@ def _transfer_points(lens: LensSection) -> CardinalPoints:
     closing = 1 / (2 * lens.f_number * sine) if sine else math.inf
     _require_open(lens, closing)
     exit_pupil = _fitted_exit_pupil(transfer, back_focus, sine)
-    if not exit_pupil < back_focus or c * exit_pupil + d == 0:  # of NaN, too
-        raise InputError(f"the lens {name!r} has no exit pupil before the sensor.")
+    if not exit_pupil < back_focus or c * exit_pupil + d == 0:  # also for NaN
+        raise InputError(
+            f"the lens {name!r} has no exit pupil before the sensor; check its ray transfer."
+        )
     stop_radius = NO_STOP_MM
-    if closing * WIDE_OPEN < 1:
+    if closing * WIDE_OPEN_RATIO < 1:
         slope = math.tan(math.asin(1 / (2 * lens.f_number)))
         stop_radius = slope * (back_focus - exit_pupil)
     scale = lens.focal_length_mm / focal_length if lens.focal_length_mm is not None else 1.0
@@ -248,20 +243,20 @@ def _transfer_points(lens: LensSection) -> CardinalPoints:
 
 
 def _require_lens(name: str, power: float, determinant: float = 1.0) -> None:
-    """Raise InputError for a ray-transfer matrix that no lens has.  power : its C."""
+    """Raise InputError for an impossible ray-transfer matrix.  power : its C."""
     if power >= 0:
         raise InputError(
-            f"the lens {name!r} has a negative or infinite focal length; it must be positive."
+            f"the lens {name!r} has a negative or infinite focal length; give a lens with a positive focal length."
         )
-    if abs(determinant - 1) > SAME_ETENDUE:
+    if abs(determinant - 1) > DETERMINANT_TOLERANCE:
         raise InputError(
-            f"the linear terms of the ray transfer {name!r} have the determinant {determinant:.3g}, and those of a "
-            f"lens in air have 1, within {SAME_ETENDUE:g} of a fit; take a fit of another degree."
+            f"the linear terms of the ray transfer {name!r} have the determinant {determinant:.3g}; it must be within "
+            f"{DETERMINANT_TOLERANCE:g} of 1, as for a lens in air: use a fit of another degree."
         )
 
 
 def _transfer_matrix(transfer: RayTransfer) -> tuple[float, float, float, float]:
-    """A, B, C, D of height and slope from the pass plane to the first vertex, towards the scene."""
+    """Return A, B, C, D of height and slope from the pass plane to the first vertex, towards the scene."""
     y, slope = transfer.outputs["y"], transfer.outputs["dy"]
     a, b, c, d = y.slope(1, 0), y.slope(0, 1), slope.slope(1, 0), slope.slope(0, 1)
     a, b = a - transfer.output_plane * c, b - transfer.output_plane * d
@@ -269,12 +264,12 @@ def _transfer_matrix(transfer: RayTransfer) -> tuple[float, float, float, float]
 
 
 def _fitted_exit_pupil(transfer: RayTransfer, back_focus: float, sine: float) -> float:
-    """Behind the pass plane [mm]: where the middles of the cones of light of image points near the axis cross it.
+    """Return the distance of the exit pupil after the pass plane [mm], where light cones near the axis intersect.
 
-    Least squares over the image heights up to the first whose cone is cut off.
+    Least squares over the image heights up to the first vignetted cone.
     """
     edge = 1.5 * back_focus * sine / math.sqrt(1 - sine**2)
-    heights = np.linspace(0, NEAR_AXIS * back_focus, PUPIL_HEIGHTS)
+    heights = np.linspace(0, PUPIL_FIT_HEIGHT * back_focus, PUPIL_HEIGHTS)
     points = np.linspace(-edge, edge, PUPIL_RAYS)
     size = np.sqrt((points - heights[:, None]) ** 2 + back_focus**2)
     x, z = heights[:, None] + 0 * points, -back_focus + 0 * size
@@ -291,13 +286,13 @@ def _fitted_exit_pupil(transfer: RayTransfer, back_focus: float, sine: float) ->
 
 
 def _axial_rays(sine: Float64Array, distance: float) -> Ray:
-    """Rays from a point on the axis."""
+    """Return rays from a point on the axis."""
     zero, cosine = 0 * sine, np.sqrt(1 - sine**2)
     return Ray(zero, zero, -distance, sine, zero, cosine, sine > 0)
 
 
 def _widest_sine(lens: TracedLens, back_focus: float) -> float:
-    """Sine of half the widest cone of light on the axis that no aperture cuts off; 0 where no light passes."""
+    """Return the sine of half the widest unvignetted light cone on the axis; 0 if no light passes."""
     low, high = 0.0, 1.0
     with np.errstate(all="ignore"):  # rays that miss a surface give NaN
         for _ in range(REFINEMENTS):
@@ -311,28 +306,28 @@ def _widest_sine(lens: TracedLens, back_focus: float) -> float:
 def _matrix(
     steps: Sequence[tuple[SurfaceSection, float]], index: float = 1.0
 ) -> tuple[float, ...]:
-    """Ray-transfer matrix A, B, C, D from before the first surface to the end of the last gap, and the index there.
+    """Return the ray-transfer matrix A, B, C, D from the first surface to the end of the last gap, and the index there.
 
-    steps : surfaces, each with the gap behind it [mm].  index : refractive index before the first one.
+    steps : surfaces, each with the gap after it [mm].  index : refractive index before the first surface.
     """
     a, b, c, d = 1.0, 0.0, 0.0, 1.0
     for surface, gap in steps:
-        behind = float(glass_behind(surface).index(D_NM))
+        after = float(glass_behind(surface).index(D_NM))
         power = 0.0
         if surface.radius_mm is not None:
-            power = (behind - index) / (behind * surface.radius_mm)
-        c, d = index / behind * c - power * a, index / behind * d - power * b
-        a, b, index = a + gap * c, b + gap * d, behind
+            power = (after - index) / (after * surface.radius_mm)
+        c, d = index / after * c - power * a, index / after * d - power * b
+        a, b, index = a + gap * c, b + gap * d, after
     return a, b, c, d, index
 
 
 @dataclass(frozen=True, eq=False)
 class ExitPupilBounds:
-    """An ellipse in the reference plane of the lens for each image height, (INTERVALS + 1,) [mm].
+    """Ellipses in the reference plane of the lens for image heights, shape (INTERVALS + 1,) [mm].
 
-    highest : image height of the last entry; the first is the axis.
+    highest : image height of the last entry; the first entry is the axis.
     centre : on the line through axis and image point, positive on the side of the point.
-    radial, tangential : half axes along that line and across; 0 where no light passes.
+    radial, tangential : half axes along this line and across; 0 if no light passes.
     """
 
     highest: float
@@ -347,9 +342,9 @@ def exit_pupil_bounds(
     highest: float,
     wavelengths_nm: tuple[float, ...] = (D_NM,),
 ) -> ExitPupilBounds:
-    """The bounds for a sensor ``distance`` behind the reference plane, up to the image height ``highest`` [mm].
+    """Return the bounds for a sensor ``distance`` after the reference plane, up to the image height ``highest`` [mm].
 
-    wavelengths_nm : rays that pass at any of them are inside.
+    wavelengths_nm : the ellipses enclose rays that pass at any of these.
     """
     heights = np.linspace(0.0, highest, 2 * INTERVALS + 1)
     high = np.full(heights.shape, lens.reach(distance, highest))
@@ -371,16 +366,16 @@ def exit_pupil_bounds(
         top = row * _cells_to_last(across)
     if not passes[0].any():
         raise InputError(
-            "no ray on the axis passes this lens; set lens.f_number to a smaller value, e.g. 8."
+            "no ray on the axis passes this lens; reduce lens.f_number, e.g. to 8."
         )
-    # Ellipses as wide as the windows, enlarged until the corners of all cells that pass are inside.
+    # Ellipses as wide as the windows, enlarged to enclose the corners of all passing cells.
     half, edge = cell[:, None] / 2, tangential + row[:, None] / 2
 
     def enlargement(first: int, centre: Float64Array, *half_axes: Float64Array) -> Float64Array:
-        """Factors at which ellipses contain the cells of every second height, from the first one on, that pass."""
+        """Return the factors at which ellipses enclose the passing cells of every second height."""
         offset = np.abs(radial[first::2] - centre[:, None]) + half[first::2]
         x, y = (
-            reach / np.maximum(half_axis, TINY)[:, None]
+            reach / np.maximum(half_axis, HALF_AXIS_MIN)[:, None]
             for reach, half_axis in zip((offset, edge[first::2]), half_axes, strict=True)
         )
         squares = np.where(passes[first::2], x[:, :, None] ** 2 + y[:, None] ** 2, 0.0)
@@ -393,14 +388,13 @@ def exit_pupil_bounds(
     half_axes = [np.where(lit, size, 0.0)[::2] for size in ((high - low) / 2, top)]
     scale = enlargement(0, centre, *half_axes)
     half_axes = [half_axis * scale for half_axis in half_axes]
-    # What passes half-way between two entries of the table must be inside the mean of their ellipses.
+    # Rays halfway between two entries of the table must be inside the mean of their ellipses.
     between = enlargement(1, *((v[1:] + v[:-1]) / 2 for v in (centre, *half_axes)))
-    scale = np.maximum(np.append(between, 1.0), np.insert(between, 0, 1.0))
-    scale = np.maximum(scale, 1.0)
+    scale = np.maximum(np.maximum(np.append(between, 1.0), np.insert(between, 0, 1.0)), 1.0)
     return ExitPupilBounds(highest, centre, *(half_axis * scale for half_axis in half_axes))
 
 
 def _cells_to_last(passes: NDArray[np.bool_]) -> Float64Array:
-    """Cells up to the last that passes, and one more: (heights, cells) → (heights,); 0 if none does."""
+    """Return the cells up to the last passing cell, plus one: (heights, cells) → (heights,); 0 if none passes."""
     cells = passes.shape[1] - np.argmax(passes[:, ::-1], axis=1) + 1.0
     return np.where(passes.any(axis=1), cells, 0.0)

@@ -1,12 +1,12 @@
-"""Veiling glare: light that the surfaces and the barrel of a lens scatter over the whole picture.
+"""Veiling glare: light that the surfaces and the barrel of a lens scatter over the whole image.
 
     E'(p) = (1 − g)·E(p) + g·Σ_q s(p − q)·E(q)/S(q),    S(q) = Σ_p s(p − q)
 
-g is the share of the light that is scattered, s the glare spread function of ISO 9358 without its peak: constant, or
-1/(1 + (r/w)²) at the distance r on the sensor. S keeps the light of every pixel in the picture, so that the sum stays:
-what is scattered out of the picture counts as much as what comes in from scene beside it, which nobody renders. ISO's
-veiling glare index is what a small black patch has of the even field around it: g here, where the field fills the
-picture and s is constant.
+g is the scattered fraction of the light; s is the glare spread function of ISO 9358 without its peak: constant, or
+1/(1 + (r/w)²) at the distance r on the sensor. S keeps the light of every pixel in the image, so the sum is conserved:
+light scattered out of the image is assumed to equal light scattered in from the unrendered scene around it. ISO's
+veiling glare index is the relative signal of a small black patch in a uniform field: g, if the field fills the image
+and s is constant.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ Image = NDArray[np.floating]
 
 
 class VeilingGlare:
-    """The glare of a picture: (H, W), or (H, W, B) of bands.
+    """The glare of an image.
 
-    fraction : g.  shape : (H, W).  half_width_px : w in rows and columns, or None where s is constant.
+    fraction : g.  shape : (H, W).  half_width_px : w in rows and columns; None for a constant s.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class VeilingGlare:
         self._reach = self._around(1 / self._total, self._spread)
 
     def add_to_bands(self, mean: NDArray[np.float32], error: NDArray[np.float32]) -> None:
-        """Write bands and their standard errors, (H, W, B), behind the glare over those before it."""
+        """Replace bands and their standard errors, shape (H, W, B), by their values with glare."""
         seen = self._of_pixels(np.ones(self._shape, bool))
         for band in range(mean.shape[2]):
             light = mean[..., band].astype(float), error[..., band].astype(float) ** 2
@@ -61,15 +61,15 @@ class VeilingGlare:
     def of_electrons(
         self, mean: Float64Array, variance: Float64Array, filters: NDArray[np.intp]
     ) -> tuple[Float64Array, Float64Array]:
-        """Photoelectrons behind the glare and the variance of that mean, (H, W) each.
+        """Return photoelectrons with glare and the variance of this mean, shape (H, W) each.
 
-        filters : number of the colour filter of each pixel: the glare behind a filter is known from its own pixels.
+        filters : colour filter number of each pixel; the glare of a filter follows from the pixels with this filter.
         """
         new_mean, new_variance = np.empty(self._shape), np.empty(self._shape)
         for number in np.unique(filters):
-            own = filters == number
-            light = self._behind(mean, variance, self._of_pixels(own))
-            new_mean[own], new_variance[own] = (values[own] for values in light)
+            mask = filters == number
+            light = self._behind(mean, variance, self._of_pixels(mask))
+            new_mean[mask], new_variance[mask] = (values[mask] for values in light)
         return new_mean, new_variance
 
     def _of_pixels(self, seen: NDArray[np.bool_]) -> _Shares:
@@ -79,16 +79,16 @@ class VeilingGlare:
     def _behind(
         self, mean: Image, variance: Image, seen: _Shares
     ) -> tuple[Float64Array, Float64Array]:
-        """Mean and variance behind the glare of the pixels that are seen, from these pixels alone."""
+        """Return mean and variance with glare of the seen pixels, from these pixels only."""
         scattered, (share, scale) = self._fraction, seen
         glare = scale * self._around(share * mean, self._spread)
         squares = scale**2 * self._around(share**2 * variance, self._squared_spread)
-        own = (1 - scattered) ** 2 + 2 * scattered * (1 - scattered) * scale * share
+        weight = (1 - scattered) ** 2 + 2 * scattered * (1 - scattered) * scale * share
         kept = (1 - scattered) * mean
-        return kept + scattered * glare, own * variance + scattered**2 * squares
+        return kept + scattered * glare, weight * variance + scattered**2 * squares
 
     def _around(self, values: Float64Array, spread: Array | None) -> Float64Array:
-        """Σ_q spread(p − q)·values(q) at each p.  spread : its transform; None where it is 1 everywhere."""
+        """Return Σ_q spread(p − q)·values(q) at each p.  spread : its transform; None for a spread of 1."""
         rows, columns = self._shape
         if spread is None:
             return np.full(self._shape, values.sum())
@@ -98,14 +98,14 @@ class VeilingGlare:
 
 
 class _Shares(NamedTuple):
-    """share : 1/S of the pixels that are seen, 0 of others.  scale : of their glare, for that of all pixels."""
+    """share : 1/S of the seen pixels, 0 elsewhere.  scale : from their glare to the glare of all pixels."""
 
     share: Float64Array
     scale: Float64Array
 
 
 def _inverse_square(size: list[int], half_width_px: tuple[float, float]) -> Float64Array:
-    """1/(1 + (r/w)²) around the first pixel of an array whose ends meet."""
+    """Return 1/(1 + (r/w)²) around the first pixel of a periodic array."""
     row, column = (
         scipy.fft.fftfreq(count, 1 / count) / width
         for count, width in zip(size, half_width_px, strict=True)
@@ -114,21 +114,21 @@ def _inverse_square(size: list[int], half_width_px: tuple[float, float]) -> Floa
 
 
 def veiling_glare_of(camera: Camera, view: View) -> VeilingGlare | None:
-    """The glare of the camera's lens, or None. Raises InputError for a part of a film, which lacks the other light."""
+    """Return the glare of the camera's lens, or None. Raises InputError for a crop, which lacks the other light."""
     lens = camera.lens
     if lens.veiling_glare == 0:
         return None
     if view.crop_size != view.size:
-        part, whole = (f"{columns} × {rows}" for columns, rows in (view.crop_size, view.size))
+        crop, film = (f"{columns} × {rows}" for columns, rows in (view.crop_size, view.size))
         raise InputError(
-            f"lens.veiling_glare is {lens.veiling_glare:g}, which comes from the whole picture, and the film has a "
-            f"crop window of {part} of {whole} pixels; leave the crop out, or set lens.veiling_glare to 0."
+            f"lens.veiling_glare is {lens.veiling_glare:g} and needs the whole image, but the film renders a crop of "
+            f"{crop} of {film} pixels; remove the crop, or set lens.veiling_glare to 0."
         )
     return VeilingGlare(lens.veiling_glare, view.size[::-1], half_width_px(camera))
 
 
 def half_width_px(camera: Camera) -> tuple[float, float] | None:
-    """lens.glare_width_mm in rows and columns of the camera; None where the glare is even."""
+    """Return lens.glare_width_mm in rows and columns of the camera; None for uniform glare."""
     width_mm, pixel = camera.lens.glare_width_mm, camera.pixel
     if width_mm is None:
         return None
@@ -136,9 +136,9 @@ def half_width_px(camera: Camera) -> tuple[float, float] | None:
 
 
 def glare_sentence(camera: Camera) -> str:
-    """How much of the light is glare, and what makes none."""
-    lens, how = camera.lens, "evenly over the picture"
+    """Return a note on the fraction of glare and its limits."""
+    lens, how = camera.lens, "uniformly over the image"
     if lens.glare_width_mm is not None:
-        how = f"over the picture, half as much at {lens.glare_width_mm:g} mm"
-    share = f"{100 * lens.veiling_glare:.3g} % of the light is veiling glare, spread {how}"
-    return f"{share}; lamps outside the picture make none (lens.veiling_glare)"
+        how = f"over the image, halved at {lens.glare_width_mm:g} mm"
+    fraction = f"{100 * lens.veiling_glare:.3g} % of the light is veiling glare, spread {how}"
+    return f"{fraction}; light sources outside the image cause none (lens.veiling_glare)"

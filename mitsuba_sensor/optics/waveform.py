@@ -1,14 +1,13 @@
-"""Waveforms of lamps: how a light of mean 1 goes up and down in time, and its mean while a row is open, in closed form.
+"""Waveforms of light sources: light of mean 1 versus time, and its mean during a row's exposure, in closed form.
 
-w(t) = 1 + p(t), where p is periodic with the mean 0. With P(t) = ∫₀ᵗ p dt, which is periodic too, the mean of w over
-[t, t + T] is 1 + (P(t + T) − P(t))/T. Nothing is sampled in time, and P keeps its precision at any t.
+w(t) = 1 + p(t), where p is periodic with mean 0. With the periodic P(t) = ∫₀ᵗ p dt, the mean of w over [t, t + T] is
+1 + (P(t + T) − P(t))/T. Time is not sampled, and P keeps its precision at any t.
 
-A text says the same: ``2 pwm(100, 0.5)`` is a level and a waveform, ``0.2`` a level alone.
+A text also describes a waveform: ``2 pwm(100, 0.5)`` is a level and a waveform, ``0.2`` a constant level.
 """
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import MISSING, Field, dataclass, field, fields
 from pathlib import Path
@@ -29,20 +28,20 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 LIMITS = {
     "level": (0.0, 1e9, "a number, e.g. 0.5"),
     "frequency_hz": (1e-9, 1e12, "hertz, e.g. 100"),
-    "duty": (1e-9, 1.0, "the share of a period that is lit, e.g. 0.5"),
+    "duty": (1e-9, 1.0, "the lit fraction of a period, e.g. 0.5"),
     "depth": (0.0, 1.0, "a number from 0 to 1, e.g. 0.3"),
     "phase": (-1e6, 1e6, "in periods, e.g. 0.25"),
 }
-"""Least and largest value of each number of a waveform, and what it is."""
+"""Parameter of a waveform → smallest and largest value, and its meaning."""
 EXAMPLE = "e.g. 0.2, 'pwm(100, 0.5)' or '2 sine(100, 0.3)'"
 CALL = re.compile(r"\s*(?P<level>[^\s(]*)\s*\b(?P<kind>[a-z]\w*)\s*\((?P<arguments>.*)\)\s*")
 
 
 @dataclass(frozen=True, repr=False)
 class Waveform:
-    """Light over time, of mean ``level`` over that of the render; the shape has the mean 1. This one is constant.
+    """Light versus time, relative to the render; this base class is constant.
 
-    level : factor on the light, over that of the render.
+    level : mean, as a factor on the rendered light.
     """
 
     level: float = field(default=1.0, kw_only=True)
@@ -54,32 +53,34 @@ class Waveform:
 
     @property
     def flickers(self) -> bool:
-        """Return True if it is more than a level."""
+        """Return True if the light changes in time."""
         return type(self) is not Waveform
 
     def __repr__(self) -> str:
-        """Return it as :func:`waveform_of` reads it: ``2 pwm(100, 0.5)``."""
+        """Return the text that :func:`waveform_of` reads: ``2 pwm(100, 0.5)``."""
         if not self.flickers:
             return f"{self.level:g}"
-        values = (getattr(self, one.name) for one in _shape(type(self)))
+        values = (getattr(self, parameter.name) for parameter in _parameters(type(self)))
         texts = (value if isinstance(value, str) else f"{value:.10g}" for value in values)
         level = "" if self.level == 1 else f"{self.level:g} "
         return f"{level}{type(self).__name__}({', '.join(texts)})"
 
     def mean_over(self, start_s: ArrayLike, open_s: float) -> Float64Array:
-        """Mean of level·w(t) from each start on, (H,), while a row is open; level·w itself where it is open for 0 s."""
+        """Return the mean of level·w(t) from each start for ``open_s``, shape (H,); level·w(t) for 0 s."""
         starts = np.asarray(start_s, dtype=np.float64)
         ends = starts + open_s
         mean = self.integral(starts, ends) / open_s if open_s > 0 else self.value_at(starts)
         return np.asarray(self.level * np.maximum(mean, 0.0))
 
     def weights(self, shutter: Shutter, rows: tuple[int, int]) -> Float64Array:
-        """What the rows [first, last) of a frame get of the light of the render, (rows,)."""
+        """Return the factors on the rendered light of the rows [first, last) of a frame, shape (rows,)."""
         return self.mean_over(shutter.start_s(np.arange(*rows)), shutter.open_s)
 
     def shares(self, start_s: ArrayLike, open_s: float, parts: int) -> Float64Array:
-        """Share of the light of each row in each of so many equal parts of its exposure, (H, parts); of rows that are
-        dark all the time, and of those that are open for 0 s, 1/parts."""
+        """Return the fraction of each row's light in equal parts of its exposure, shape (H, parts).
+
+        It is 1/parts for dark rows and for exposures of 0 s.
+        """
         starts = np.asarray(start_s, dtype=np.float64)[:, None]
         edges = starts + open_s * np.arange(parts + 1) / parts
         light = np.maximum(self.integral(edges[:, :-1], edges[:, 1:]), 0.0)
@@ -88,26 +89,26 @@ class Waveform:
         return np.asarray(np.divide(light, total, out=shares, where=total > 0))
 
     def integral(self, start_s: Float64Array, stop_s: Float64Array) -> Float64Array:
-        """∫ w dt from start to stop [s]."""
+        """Return ∫ w dt from start to stop [s]."""
         return stop_s - start_s + self.departure(stop_s) - self.departure(start_s)
 
     def value_at(self, time_s: Float64Array) -> Float64Array:
-        """w(t), of mean 1."""
+        """Return w(t), with mean 1."""
         return np.ones_like(time_s)
 
     def departure(self, time_s: Float64Array) -> Float64Array:
-        """P(t) = ∫₀ᵗ (w − 1) dt [s], up to a constant."""
+        """Return P(t) = ∫₀ᵗ (w − 1) dt [s], up to a constant."""
         return np.zeros_like(time_s)
 
 
 @dataclass(frozen=True, repr=False)
 class _Cycles(Waveform):
-    """A waveform that repeats; the phase is the share of a period that has passed at time 0."""
+    """A periodic waveform; the phase is the elapsed fraction of a period at time 0."""
 
     frequency_hz: float
 
     def _share(self, time_s: Float64Array, frequency_hz: float) -> Float64Array:
-        """Share of the period that has passed, 0 to 1."""
+        """Return the elapsed fraction of the period, 0 to 1."""
         cycles = time_s * frequency_hz + getattr(self, "phase", 0.0)
         return np.asarray(cycles - np.floor(cycles))
 
@@ -119,20 +120,20 @@ class pwm(_Cycles):
     ::
 
         lamp = ms.pwm(100, 0.5, level=2.0)  # "2 pwm(100, 0.5)"
-        lamp.mean_over([0.0, 0.004], 0.002)  # [4, 2]: of two rows that are open for 2 ms
+        lamp.mean_over([0.0, 0.004], 0.002)  # [4, 2]: two rows with 2 ms exposure
 
-    frequency_hz : pulses per second.  duty : lit share of a period, above 0 to 1.  phase : in periods at time 0.
+    frequency_hz : pulses per second.  duty : lit fraction of a period, up to 1.  phase : in periods at time 0.
     """
 
     duty: float
     phase: float = 0.0
 
     def value_at(self, time_s: Float64Array) -> Float64Array:
-        """1/duty while it is lit."""
+        """Return 1/duty while lit, else 0."""
         return np.where(self._share(time_s, self.frequency_hz) < self.duty, 1 / self.duty, 0.0)
 
     def integral(self, start_s: Float64Array, stop_s: Float64Array) -> Float64Array:
-        """Lit time over the duty: whole periods and min(u, d)/f of the last one, exactly 0 where it is dark."""
+        """Return lit time over duty: whole periods and min(u, d)/f of the last period; exactly 0 in the dark."""
         begin, end = (time_s * self.frequency_hz + self.phase for time_s in (start_s, stop_s))
         whole = np.floor(end) - np.floor(begin)
         rest = np.minimum(end % 1, self.duty) - np.minimum(begin % 1, self.duty)
@@ -154,42 +155,42 @@ class sine(_Cycles):
     phase: float = 0.0
 
     def value_at(self, time_s: Float64Array) -> Float64Array:
-        """1 + m·sin(2πu)."""
+        """Return 1 + m·sin(2πu)."""
         return 1 + self.depth * np.sin(2 * np.pi * self._share(time_s, self.frequency_hz))
 
     def departure(self, time_s: Float64Array) -> Float64Array:
-        """P = −m·cos(2πu)/(2πf)."""
+        """Return −m·cos(2πu)/(2πf)."""
         cosine = np.cos(2 * np.pi * self._share(time_s, self.frequency_hz))
         return -self.depth * cosine / (2 * np.pi * self.frequency_hz)
 
 
 @dataclass(frozen=True, repr=False)
 class mains(_Cycles):
-    """A lamp on rectified mains: w = (π/2)·|sin(2πft)|, which repeats at twice the frequency of the mains.
+    """A lamp on rectified mains: w = (π/2)·|sin(2πft)|, periodic at twice the mains frequency.
 
     ::
 
         ms.mains(50).mean_over([0.0, 0.0025], 0.01)  # [1, 1]: a whole period
 
-    frequency_hz : of the mains, 50 or 60.
+    frequency_hz : mains frequency, 50 or 60.
     """
 
     def value_at(self, time_s: Float64Array) -> Float64Array:
-        """(π/2)·sin(πv), v the share of half a period that has passed."""
+        """Return (π/2)·sin(πv), with the elapsed fraction v of half a mains period."""
         return np.pi / 2 * np.sin(np.pi * self._share(time_s, 2 * self.frequency_hz))
 
     def departure(self, time_s: Float64Array) -> Float64Array:
-        """P = ((1 − cos(πv))/2 − v)/(2f)."""
+        """Return ((1 − cos(πv))/2 − v)/(2f)."""
         share = self._share(time_s, 2 * self.frequency_hz)
         return ((1 - np.cos(np.pi * share)) / 2 - share) / (2 * self.frequency_hz)
 
 
 @dataclass(frozen=True, repr=False)
 class table(Waveform):
-    """A measured waveform: a CSV of time and value, straight between its rows, which repeats behind the last row.
+    """A measured periodic waveform: a CSV of time and value, linear between its rows.
 
-    Times are in seconds, or in the unit that a header names: time_ms, time_us or time_ns. The values
-    are divided by their mean. The last time is one period behind the first.  file : its path.
+    Times are in seconds, or in the unit of a header: time_ms, time_us or time_ns. Values are divided by their mean. The
+    last time is one period after the first.  file : its path.
     """
 
     file: str
@@ -203,22 +204,22 @@ class table(Waveform):
         mean = np.trapezoid(values, times) / (times[-1] - times[0])
         if not mean > 0:
             raise InputError(
-                f"the waveform {self.file!r} is 0 all the time; give one with light."
+                f"the waveform {self.file!r} is 0 everywhere; give at least one positive value."
             )
         object.__setattr__(self, "times_s", tuple(times.tolist()))
         object.__setattr__(self, "values", tuple((values / mean).tolist()))
 
     def _within(self, time_s: Float64Array) -> Float64Array:
-        """Time since the first row, without whole periods [s]."""
+        """Return the time since the first row, without whole periods [s]."""
         since = time_s - self.times_s[0]
         return np.asarray(np.mod(since, self.times_s[-1] - self.times_s[0]))
 
     def value_at(self, time_s: Float64Array) -> Float64Array:
-        """Straight between the rows."""
+        """Return the value interpolated between rows."""
         return np.interp(self._within(time_s) + self.times_s[0], self.times_s, self.values)
 
     def departure(self, time_s: Float64Array) -> Float64Array:
-        """Sum of the trapezoids before, and the part of the one that t is in."""
+        """Return the sum of trapezoids up to t."""
         times, values = np.array(self.times_s) - self.times_s[0], np.array(self.values)
         steps, slopes = np.diff(times), np.diff(values) / np.diff(times)
         sums = np.concatenate([[0.0], np.cumsum(steps * (values[:-1] + values[1:]) / 2)])
@@ -229,16 +230,16 @@ class table(Waveform):
 
 
 FROM_FILE = "table("
-KINDS: dict[str, type[Waveform]] = {one.__name__: one for one in (pwm, sine, mains, table)}
+KINDS: dict[str, type[Waveform]] = {x.__name__: x for x in (pwm, sine, mains, table)}
 
 
-def _shape(kind: type[Waveform]) -> list[Field[Any]]:
-    """Fields that a text of this kind gives, in its brackets."""
-    return [one for one in fields(kind) if one.init and one.name != "level"]
+def _parameters(kind: type[Waveform]) -> list[Field[Any]]:
+    """Return the parameters in the brackets of a text of this kind."""
+    return [x for x in fields(kind) if x.init and x.name != "level"]
 
 
 def waveform_of(name: str, given: object) -> Waveform:
-    """Return a level, a waveform or a text of both as :class:`Waveform`.  name : of what shines. Raises InputError."""
+    """Return a level, a waveform or a text as a :class:`Waveform`.  name : of the light. Raises InputError."""
     if isinstance(given, Waveform):
         return given
     whole = CALL.fullmatch(given) if isinstance(given, str) else None
@@ -246,37 +247,30 @@ def waveform_of(name: str, given: object) -> Waveform:
         level = None if isinstance(given, bool) else _number(given)
         if level is None:
             raise InputError(
-                f"the light of {name} is {given!r}, which is neither a level nor a waveform; {EXAMPLE}."
+                f"the light of {name} is {given!r}; it must be a level or a waveform, {EXAMPLE}."
             )
         return Waveform(level=require(f"the level of {name}", level, *LIMITS["level"]))
     kind, text = whole["kind"], whole["level"].rstrip("*")
     if kind not in KINDS:
-        known = ", ".join(KINDS)
         raise InputError(
-            f"the light of {name} is {given!r}, and there is no waveform {kind!r}; there are {known}."
-            f"{nearest(kind, KINDS)}"
+            f"the light of {name} is {given!r}; the waveform must be {', '.join(KINDS)}.{nearest(kind, KINDS)}"
         )
     level = waveform_of(name, text).level if text else 1.0
     if kind == "table":
         return table(whole["arguments"].strip().strip("'\""), level=level)
-    shape = _shape(KINDS[kind])
-    texts = [text.strip() for text in whole["arguments"].split(",") if text.strip()]
-    if not sum(one.default is MISSING for one in shape) <= len(texts) <= len(shape):
-        names = ", ".join(one.name for one in shape)
+    parameters = _parameters(KINDS[kind])
+    numbers = [_number(text) for text in whole["arguments"].split(",") if text.strip()]
+    needed = sum(x.default is MISSING for x in parameters)
+    if None in numbers or not needed <= len(numbers) <= len(parameters):
+        names = ", ".join(x.name for x in parameters)
         raise InputError(
-            f"the light of {name} is {given!r}; the numbers of {kind} are {names}, {EXAMPLE}."
+            f"the light of {name} is {given!r}; {kind} takes the numbers {names}, {EXAMPLE}."
         )
-    numbers = {text: _number(text) for text in texts}
-    for text, number in numbers.items():
-        if number is None or not math.isfinite(number):
-            raise InputError(
-                f"the light of {name} is {given!r}, where {text!r} is no number; {EXAMPLE}."
-            )
-    return KINDS[kind](*(numbers[text] for text in texts), level=level)
+    return KINDS[kind](*numbers, level=level)
 
 
 def _number(given: object) -> float | None:
-    """Return the number that is given; None if it is none."""
+    """Return the given number, or None."""
     try:
         return float(given)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
@@ -284,8 +278,8 @@ def _number(given: object) -> float | None:
 
 
 def _read_table(path: str) -> tuple[Float64Array, Float64Array]:
-    """Return times [s] and values of a CSV, in seconds unless a header has another unit. Raises InputError."""
-    what = "two columns, rising times and values that are not negative"
+    """Return times [s] and values of a CSV; a header may give the unit of time. Raises InputError."""
+    what = "two columns: increasing times and values of at least 0"
     header, *rows = rows_of(text_of_file(Path(path), f"give a CSV of {what}"), FIRST) or [[]]
     unit_s = 1.0
     if header and _number(header[0]) is None:
@@ -295,17 +289,11 @@ def _read_table(path: str) -> tuple[Float64Array, Float64Array]:
             raise InputError(f"{path}: {error}.") from None
     else:
         rows = [header, *rows]
-    numbers = [[_number(cell) for cell in row] for row in rows]
-    wrong = next((row for row, cells in zip(rows, numbers, strict=True) if None in cells), None)
-    if wrong is not None:
-        raise InputError(f"{path} has a row {wrong}; it must have {what}.")
-    if len(rows) < 2 or any(len(row) != 2 for row in rows):
-        raise InputError(f"the waveform {path!r} needs two rows or more of {what}.")
-    times, values = np.array(numbers, float).T
-    if not (
-        (np.diff(times) > 0).all()
-        and (values >= 0).all()
-        and np.isfinite([times, values]).all()
-    ):
-        raise InputError(f"the waveform {path!r} must have {what}.")
+    try:
+        times, values = np.array([list(map(float, row)) for row in rows]).T
+    except ValueError:  # a text, or another number of columns
+        times, values = np.zeros((2, 1))
+    is_finite = np.isfinite([times, values]).all()
+    if len(times) < 2 or not ((np.diff(times) > 0).all() and values.min() >= 0 and is_finite):
+        raise InputError(f"the waveform {path!r} must have at least two rows of {what}.")
     return times * unit_s, values

@@ -1,13 +1,13 @@
-"""Demosaicing: of a Bayer pattern by directional filters, of others by bilinear means.
+"""Demosaicing: directional filters for Bayer mosaics, bilinear means for other mosaics.
 
 Menon, Andriani and Calvagno 2007, doi:10.1109/TIP.2006.884928:
 
-1. Green at red and blue pixels is interpolated along the row and along the column. Of both the one is taken along
-   which the colour differences around the pixel change less, so that no interpolation crosses an edge.
+1. Green at red and blue pixels is interpolated along the row and along the column. The direction in which the colour
+   differences around the pixel change less is chosen, so no interpolation crosses an edge.
 2. Red and blue follow from their differences to green, which vary less than the colours.
-3. The differences between colours are averaged over three pixels along the direction of step 1.
+3. Colour differences are averaged over three pixels along the direction of step 1.
 
-The same algorithm and bits as demosaicing_CFA_Bayer_Menon2007 of colour-demosaicing, whose import takes seconds.
+Same algorithm and bits as demosaicing_CFA_Bayer_Menon2007 of colour-demosaicing, whose import takes seconds.
 """
 
 from __future__ import annotations
@@ -19,26 +19,60 @@ import scipy
 from numpy.typing import NDArray
 
 from ..camera.camera import Camera
+from ..core import Float64Array
 
-Picture: TypeAlias = NDArray[np.float64]
 Mask: TypeAlias = NDArray[np.bool_]
 
-ROW, COLUMN = 1, 0  # axes along which values are interpolated
-NEXT = [0.0, 0.5, 0.0, 0.5, 0.0]  # green
-OWN = [-0.25, 0.0, 0.5, 0.0, -0.25]  # curvature of the other colour
+ROW, COLUMN = 1, 0  # axes of interpolation
+GREEN_NEIGHBOURS = [0.0, 0.5, 0.0, 0.5, 0.0]
+CURVATURE = [-0.25, 0.0, 0.5, 0.0, -0.25]  # of the pixel's colour
 BOTH_SIDES, THREE = [0.5, 0.0, 0.5], [1 / 3, 1 / 3, 1 / 3]
 AROUND = np.array(
     [[0, 0, 1, 0, 1], [0, 0, 0, 1, 0], [0, 0, 3, 0, 3], [0, 0, 0, 1, 0], [0, 0, 1, 0, 1]], float
 )
-"""Weights of the changes along a row about a pixel: its own row counts three times."""
-NEAR, CORNER = 2.0, 1.0  # bilinear weights of the four neighbours beside and across
-BAYER = 2  # rows and columns of a tile of two greens, and of the smallest picture that has one
+"""Weights of the changes along a row around a pixel: the pixel's row counts three times."""
+BILINEAR = np.array([[1, 2, 1], [2, 0, 2], [1, 2, 1]])
+BAYER_SHAPE = 2, 2
 
 
-def demosaic_bayer(mosaic: Picture, red: Mask, blue: Mask) -> Picture:
-    """Red, green and blue (H, W, 3) of a mosaic (H, W).  red, blue : its pixels of these colours, the others are green.
+def demosaic(
+    mosaic: Float64Array, filters: NDArray[np.integer], camera: Camera
+) -> Float64Array:
+    """Return the colours (H, W, F) of values and filter numbers (H, W), by directional filters for a Bayer mosaic (grey
+    edges stay without colour), else by bilinear means."""
+    order = [name[:1].upper() for name in camera.filter_names]
+    tile = filters[: BAYER_SHAPE[0], : BAYER_SHAPE[1]].ravel()
+    if (
+        len(order) != 3
+        or np.shape(camera.tile) != BAYER_SHAPE
+        or sorted(order[number] for number in tile) != list("BGGR")
+    ):
+        return bilinear(mosaic, filters, len(order))
+    red, blue = (filters == order.index(name) for name in "RB")
+    return demosaic_bayer(mosaic, red, blue)[..., ["RGB".index(name) for name in order]]
 
-    Every pixel keeps what it measured but for rounding. The picture is continued beyond its border as in a mirror.
+
+def bilinear(mosaic: Float64Array, filters: NDArray[np.integer], count: int) -> Float64Array:
+    """Return the colours (H, W, F) of a mosaic (H, W): measured values, and weighted means of the neighbours elsewhere.
+
+    filters : filter number of each pixel, (H, W).  count : number of filters F.
+    """
+    planes = []
+    for number in range(count):
+        own = filters == number
+        weight, total = (
+            scipy.ndimage.convolve(image, BILINEAR, mode="constant")
+            for image in (own.astype(float), np.where(own, mosaic, 0.0))
+        )
+        mean = np.divide(total, weight, out=np.zeros_like(mosaic), where=weight > 0)
+        planes.append(np.where(own, mosaic, mean))
+    return np.stack(planes, axis=-1)
+
+
+def demosaic_bayer(mosaic: Float64Array, red: Mask, blue: Mask) -> Float64Array:
+    """Return red, green and blue (H, W, 3) of a mosaic (H, W), which is mirrored at its border.
+
+    red, blue : pixels of these colours; all other pixels are green. Measured values change only by rounding.
     """
     green = ~(red | blue)
     along_row = _interpolate_green(mosaic, green, ROW)
@@ -69,80 +103,37 @@ def demosaic_bayer(mosaic: Picture, red: Mask, blue: Mask) -> Picture:
     return np.stack([r, g, b], axis=-1)
 
 
-def _fill_at_green(colour: Picture, g: Picture, green: Mask, rows: Mask) -> Picture:
-    """Red or blue at green pixels, from its differences to green.  rows : those that have pixels of the colour."""
+def _fill_at_green(
+    colour: Float64Array, g: Float64Array, green: Mask, rows: Mask
+) -> Float64Array:
+    """Interpolate red or blue at green pixels from differences to green.  rows : rows with pixels of the colour."""
     near, near_g = _choose(rows, colour, BOTH_SIDES), _choose(rows, g, BOTH_SIDES)
     return np.where(green, g + near - near_g, colour)
 
 
-def _interpolate_green(mosaic: Picture, green: Mask, axis: int) -> Picture:
-    return np.where(green, mosaic, _weighted(mosaic, NEXT, axis) + _weighted(mosaic, OWN, axis))
+def _interpolate_green(mosaic: Float64Array, green: Mask, axis: int) -> Float64Array:
+    return np.where(
+        green,
+        mosaic,
+        _weighted(mosaic, GREEN_NEIGHBOURS, axis) + _weighted(mosaic, CURVATURE, axis),
+    )
 
 
-def _change_around(difference: Picture, axis: int) -> Picture:
-    """How much the differences of a colour to green change along an axis, in the neighbourhood of each pixel."""
+def _change_around(difference: Float64Array, axis: int) -> Float64Array:
+    """Return how much colour differences to green change along an axis around each pixel."""
     padding, later = [(0, 0), (0, 0)], [slice(None), slice(None)]
     padding[axis], later[axis] = (0, 2), slice(2, None)
     change = np.abs(difference - np.pad(difference, padding, mode="reflect")[tuple(later)])
-    if axis == ROW:
-        weights = AROUND
-    else:
-        weights = AROUND.T
+    weights = AROUND if axis == ROW else AROUND.T
     return np.asarray(scipy.ndimage.convolve(change, weights, mode="constant"))
 
 
-def _choose(is_row: Mask, picture: Picture, weights: list[float]) -> Picture:
-    """Weighted means along the row where this is chosen, along the column elsewhere."""
+def _choose(is_row: Mask, picture: Float64Array, weights: list[float]) -> Float64Array:
+    """Return weighted means along the row where ``is_row``, else along the column."""
     return np.where(
         is_row, _weighted(picture, weights, ROW), _weighted(picture, weights, COLUMN)
     )
 
 
-def _weighted(picture: Picture, weights: list[float], axis: int) -> Picture:
+def _weighted(picture: Float64Array, weights: list[float], axis: int) -> Float64Array:
     return np.asarray(scipy.ndimage.convolve1d(picture, weights, axis=axis, mode="mirror"))
-
-
-def demosaic(
-    mosaic: NDArray[np.float64], filters: NDArray[np.integer], camera: Camera
-) -> NDArray[np.float64]:
-    """(H, W) values and filter numbers → (H, W, F): by Menon, Andriani and Calvagno 2007 behind a Bayer pattern (the
-    edges that it follows stay without colour), else by bilinear means."""
-    if not _is_bayer(filters, camera):
-        return bilinear(mosaic, filters, len(camera.filter_names))
-    order = [name[:1].upper() for name in camera.filter_names]
-    red, blue = (filters == order.index(name) for name in "RB")
-    return demosaic_bayer(mosaic, red, blue)[..., ["RGB".index(name) for name in order]]
-
-
-def _is_bayer(filters: NDArray[np.integer], camera: Camera) -> bool:
-    """Whether the filters of a picture are one red, two green and one blue in two rows and columns."""
-    if len(camera.filter_names) != 3 or np.shape(camera.tile) != (BAYER, BAYER):
-        return False
-    numbers = filters[:BAYER, :BAYER].ravel()
-    return sorted(camera.filter_names[number][:1].upper() for number in numbers) == list("BGGR")
-
-
-def bilinear(
-    mosaic: NDArray[np.float64], filters: NDArray[np.integer], count: int
-) -> NDArray[np.float64]:
-    """Every pixel keeps what it measured and takes the weighted mean of its neighbours for the rest.
-
-    mosaic, filters : (H, W), value and filter number of each pixel; count : F, how many filters → (H, W, F).
-    """
-    planes = []
-    for number in range(count):
-        own = filters == number
-        weight = _sum_neighbours(own.astype(float))
-        total = _sum_neighbours(np.where(own, mosaic, 0.0))
-        mean = np.divide(total, weight, out=np.zeros_like(mosaic), where=weight > 0)
-        planes.append(np.where(own, mosaic, mean))
-    return np.stack(planes, axis=-1)
-
-
-def _sum_neighbours(image: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sum over the eight neighbours with the bilinear weights, zero outside the image."""
-    padded, total, (height, width) = np.pad(image, 1), np.zeros_like(image), image.shape
-    for down, right in np.ndindex(3, 3):
-        weight = (0.0, NEAR, CORNER)[abs(down - 1) + abs(right - 1)]
-        total += weight * padded[down : down + height, right : right + width]
-    return total

@@ -1,4 +1,4 @@
-"""DNG files of raw frames: every pixel as the ADC delivers it, and the tags by which other programs develop it.
+"""DNG files of raw frames: the codes of the ADC, and the tags with which other programs develop them.
 
 Tags by their numbers in Adobe's Digital Negative Specification 1.4 and, below ``_exif``, in Exif 2.3.
 """
@@ -43,57 +43,56 @@ if TYPE_CHECKING:
 
 Tag: TypeAlias = TiffTag
 
-# Types of tags, beside those of tiff.py.
+# Types of tags, in addition to tiff.py.
 ASCII, RATIONAL, UNDEFINED, SRATIONAL, DOUBLE = 2, 5, 7, 10, 12
 LARGEST = 2**31 - 1  # numerator and denominator of a fraction, signed or not
 PHOTOMETRIC, CFA, LINEAR_RAW = 262, 32803, 34892
-# Where the directory of Exif stands, and where it is to be: tifffile writes no tag of that number.
+# Tag of the Exif directory, and its placeholder, because tifffile writes no tag of that number.
 EXIF, EXIF_TO_BE = 34665, 34664
-MOST_BITS = 16  # LibRaw reads no deeper integers
-FEWEST_PIXELS = 22  # rows and columns: LibRaw opens no smaller pictures
-PADDING = 2  # pixels at each edge that interpolation of colours needs, says Adobe's SDK
-BAYER = 2, 2  # the only tile, of those that cameras here can have, that LibRaw reads
-BEYOND_SHORT = 65535  # an ISO speed that stands in RecommendedExposureIndex instead (Exif 2.3)
-INSTEAD = "leave dng out: frame.tiff (ms.write_tiff) holds every code"
+BITS_MAX = 16  # LibRaw reads no deeper integers
+SIDE_MIN = 22  # rows and columns: LibRaw opens no smaller pictures
+PADDING = 2  # pixels at each edge for the interpolation of colours (Adobe's SDK)
+BAYER_SHAPE = 2, 2  # the only tile of our cameras that LibRaw reads
+ISO_MAX = 65535  # larger speeds go to RecommendedExposureIndex (Exif 2.3)
+INSTEAD = "omit dng: frame.tiff (ms.write_tiff) contains every code"
 SATURATION_LX_S = 78.0
-"""ISO 12232: a speed by saturation is this over the exposure at the focal plane that saturates."""
+"""ISO 12232: the saturation-based speed is this over the focal-plane exposure at saturation."""
 LIGHT_SOURCES = {"A": 17, "D65": 21}
 """CIE illuminant → LightSource of Exif, in the order of the tags."""
 
 
 def check_dng(camera: Camera, shape: tuple[int, ...]) -> None:
-    """Raise InputError for a camera, or a (H, W) of its pictures, that no DNG holds which other programs open."""
-    if camera.code_bits > MOST_BITS and not camera.companding.knees:
+    """Raise InputError for a camera, or a frame shape (H, W), whose DNG other programs cannot open."""
+    if camera.code_bits > BITS_MAX and not camera.companding.knees:
         raise InputError(
-            f"a DNG has {MOST_BITS} bits at most, and {camera.name} has {camera.code_bits}; {INSTEAD}, "
-            "or set companding.knees."
+            f"{camera.name} has {camera.code_bits} bits; a DNG has {BITS_MAX}; {INSTEAD}, or set companding.knees."
         )
     if len(camera.filter_names) > 1:
         _check_filters(camera)
-    if min(shape[-2:]) < FEWEST_PIXELS:
+    if min(shape[-2:]) < SIDE_MIN:
         raise InputError(
-            f"a picture of {shape[-2]} × {shape[-1]} pixels is too small for a DNG: LibRaw opens {FEWEST_PIXELS} × "
-            f"{FEWEST_PIXELS} and more; {INSTEAD}."
+            f"a frame of {shape[-2]} × {shape[-1]} pixels is too small for a DNG: LibRaw opens {SIDE_MIN} × {SIDE_MIN} "
+            f"and more; {INSTEAD}."
         )
 
 
 def _check_filters(camera: Camera) -> None:
-    """Raise InputError for colour filters that a DNG is not read with."""
+    """Raise InputError for colour filters that readers of DNG do not support."""
     names, tile = camera.filter_names, np.shape(camera.tile)
     are_rgb = sorted(name[:1].lower() for name in names) == sorted(CFA_COLOURS)
-    if not are_rgb or tile != BAYER or len(set(np.ravel(camera.tile))) < 3:
+    if not are_rgb or tile != BAYER_SHAPE or len(set(np.ravel(camera.tile))) < 3:
         raise InputError(
-            f"{camera.name} has filters {', '.join(names)} in a tile of {tile[0]} × {tile[1]}, and a DNG is read with "
-            f"red, green and blue in 2 × 2, or without filters; {INSTEAD}."
+            f"{camera.name} has filters {', '.join(names)} in a tile of {tile[0]} × {tile[1]}; a DNG needs red, green "
+            f"and blue in 2 × 2, or no filters; {INSTEAD}."
         )
     if colour_matrix(camera) is None:
         raise InputError(
-            f"a filter of {camera.name} detects no daylight, so it has no colours; {INSTEAD}."
+            f"{camera.name} has a filter that detects no daylight, so its colours are undefined; {INSTEAD}."
         )
 
 
 def dng_names(frames: RawFrames) -> list[str]:
-    """Names of the DNGs of all frames: frame.dng, or frame_0008.dng, frame_0009.dng … by the number of each frame."""
+    """Return the names of the DNGs: frame.dng, or frame_0008.dng, frame_0009.dng … by frame number."""
     first, count = frames.first.index, len(frames.digital)
     if count == 1:
         return ["frame.dng"]
@@ -101,52 +100,46 @@ def dng_names(frames: RawFrames) -> list[str]:
 
 
 def write_dng(path: str | os.PathLike[str], frames: RawFrames, number: int = 0) -> None:
-    """One of the frames as a DNG 1.4, its pixels unchanged and uncompressed. Raises InputError (see check_dng)."""
+    """Write one of the frames as a DNG 1.4, unchanged and uncompressed. Raises InputError; see :func:`check_dng`."""
     check_dng(frames.camera, frames.digital.shape)
     number = require_frame(number, len(frames.digital))
     facts, tags = image_facts(frames) | {"frames": 1}, list(_about(frames))
-    if len(frames.camera.filter_names) > 1:
-        photometric = CFA
-        tags += _colours(frames, facts["cfa_pattern"])
-    else:
-        photometric = LINEAR_RAW
-        tags += _levels(frames, 1)
+    is_colour = len(frames.camera.filter_names) > 1
+    tags += _colours(frames, facts["cfa_pattern"]) if is_colour else _levels(frames, 1)
     pixels = frames.digital[number]
     if frames.camera.companding.knees:
         pixels = frames.camera.companding.compand(pixels)
         tags.append(_tag(50712, TIFF_SHORT, *linearization_table(frames.camera)))
     with appearing(require_path("path", path, "frame.dng"), pixels.nbytes) as temporary:
         write_pages(temporary, pixels, to_json(facts).encode(), tags)
-        _finish(temporary, photometric, list(_exif(frames)))
+        _finish(temporary, CFA if is_colour else LINEAR_RAW, list(_exif(frames)))
 
 
 def _about(frames: RawFrames) -> Iterator[Tag]:
-    """Version, camera, orientation and noise."""
+    """Yield the tags of version, camera, orientation, lens corrections and noise."""
     name = frames.camera.name.encode("ascii", "replace").decode()
-    # NewSubfileType: the picture itself, without which Adobe's SDK finds none.
+    # NewSubfileType: the main picture, which Adobe's SDK requires.
     yield _tag(254, TIFF_LONG, 0)
     yield _tag(50706, TIFF_BYTE, 1, 4, 0, 0)  # DNGVersion
-    # DNGBackwardVersion: nothing newer must be understood.
+    # DNGBackwardVersion
     yield _tag(50707, TIFF_BYTE, 1, 1, 0, 0)
-    yield 271, ASCII, 0, "mitsuba_sensor", True  # Make, without which LibRaw opens no file
+    yield 271, ASCII, 0, "mitsuba_sensor", True  # Make, which LibRaw requires
     yield 272, ASCII, 0, name, True  # Model
     yield 50708, ASCII, 0, name, True  # UniqueCameraModel
-    # Orientation: the first row is above, the first column on the left.
+    # Orientation: first row at the top, first column on the left.
     yield _tag(274, TIFF_SHORT, 1)
-    yield _tag(EXIF_TO_BE, TIFF_LONG, 0)  # its place is not known yet
+    yield _tag(EXIF_TO_BE, TIFF_LONG, 0)  # placeholder
     corrections = lens_corrections(frames.camera, frames.light.intrinsics)
     if corrections:
         yield 51022, UNDEFINED, len(corrections), corrections, True  # OpcodeList3
     profile = noise_profile(frames)
     if profile is not None:
-        colours = 1
-        if len(frames.camera.filter_names) > 1:
-            colours = 3
+        colours = 3 if len(frames.camera.filter_names) > 1 else 1
         yield _tag(51041, DOUBLE, *(profile * colours))  # NoiseProfile
 
 
 def _levels(frames: RawFrames, side: int) -> Iterator[Tag]:
-    """BlackLevelRepeatDim, BlackLevel of side × side pixels, and WhiteLevel."""
+    """Yield BlackLevelRepeatDim, BlackLevel of side × side pixels, and WhiteLevel."""
     camera, steps = frames.camera, steps_of_table(frames.camera)
     black_dn = camera.black_level_dn / steps
     yield _tag(50713, TIFF_SHORT, side, side)
@@ -158,24 +151,24 @@ def _levels(frames: RawFrames, side: int) -> Iterator[Tag]:
 
 
 def steps_of_table(camera: Camera) -> int:
-    """Linear codes that are one step of the LinearizationTable, whose values have 16 bits."""
+    """Return the linear codes in one step of the LinearizationTable, whose values have 16 bits."""
     if not camera.companding.knees:
         return 1
-    return int(2 ** max(camera.code_bits - MOST_BITS, 0))
+    return int(2 ** max(camera.code_bits - BITS_MAX, 0))
 
 
 def linearization_table(camera: Camera) -> list[int]:
-    """LinearizationTable of DNG 1.4: the linear code of every companded one, in steps of 16 bits at most."""
+    """Return the LinearizationTable of DNG 1.4: the linear code of every companded code, with at most 16 bits."""
     linear = np.floor(camera.companding.linear_codes() / steps_of_table(camera) + 0.5)
-    return [int(value) for value in np.minimum(linear, 2**MOST_BITS - 1)]
+    return [int(value) for value in np.minimum(linear, 2**BITS_MAX - 1)]
 
 
 def noise_profile(frames: RawFrames) -> tuple[float, float] | None:
-    """(S, O) of DNG 1.4: the temporal variance of a pixel is S·x + O, black level at x = 0 and white level at x = 1.
+    """Return (S, O) of DNG 1.4: the temporal variance of a pixel is S·x + O, with x = 0 at black and x = 1 at white.
 
     S = F²·K/(white − black) and O = (K²·σ_d² + σ_q²)/(white − black)², with EMVA 1288's overall system gain K of small
     signals, temporal dark noise σ_d and quantisation noise σ_q² = 1/12 DN²; F² is the excess noise of an EMCCD, else 1.
-    Dark current counts as signal: it has shot noise as light has. None for cameras without shot noise, which have no S.
+    Dark current is treated as signal, because it has shot noise. None for cameras without shot noise, which have no S.
     """
     camera, figures = frames.camera, figures_if_any(frames.camera)
     shot = place_of_count(camera.stages) > 0
@@ -188,13 +181,13 @@ def noise_profile(frames: RawFrames) -> tuple[float, float] | None:
 
 
 def _colours(frames: RawFrames, pattern: Sequence[Sequence[str]]) -> Iterator[Tag]:
-    """The mosaic as it lies in this file, levels, matrices, and white where the illuminant is known."""
+    """Yield the tags of mosaic, levels and colour matrices, and of white if the illuminant is known."""
     camera, illuminant = frames.camera, frames.light.illuminant
     yield from cfa_tags(pattern)
     yield _tag(50710, TIFF_BYTE, 0, 1, 2)  # CFAPlaneColor: red, green, blue
     yield _tag(50711, TIFF_SHORT, 1)  # CFALayout: a rectangle
-    yield from _levels(frames, BAYER[0])
-    # DefaultCropOrigin and DefaultCropSize: without the pixels at the edges, whose colours would be extrapolated.
+    yield from _levels(frames, BAYER_SHAPE[0])
+    # DefaultCropOrigin and DefaultCropSize: without edge pixels, whose colours would be extrapolated.
     rows, columns = frames.digital.shape[1:]
     yield _tag(50719, TIFF_LONG, PADDING, PADDING)
     yield _tag(50720, TIFF_LONG, columns - 2 * PADDING, rows - 2 * PADDING)
@@ -209,25 +202,23 @@ def _colours(frames: RawFrames, pattern: Sequence[Sequence[str]]) -> Iterator[Ta
 
 
 def _exif(frames: RawFrames) -> Iterator[Tag]:
-    """Exposure time, f-number and ISO speed, each where it is known."""
+    """Yield the Exif tags of exposure time, f-number and ISO speed, if known."""
     camera, time_s = frames.camera, frames.first.exposure.time_s
     if time_s <= LARGEST:
         yield _tag(33434, RATIONAL, time_s)  # ExposureTime
     if camera.lens.f_number is not None:
         yield _tag(33437, RATIONAL, camera.lens.f_number)  # FNumber
-    speed = None
-    if figures_if_any(camera) is not None:
-        speed = iso_speed(camera)
+    speed = iso_speed(camera) if figures_if_any(camera) is not None else None
     if speed is not None:
         iso = min(max(round(speed), 1), LARGEST)
-        yield _tag(34855, TIFF_SHORT, min(iso, BEYOND_SHORT))  # ISOSpeedRatings
-        yield _tag(34864, TIFF_SHORT, 2)  # SensitivityType: the next one
+        yield _tag(34855, TIFF_SHORT, min(iso, ISO_MAX))  # ISOSpeedRatings
+        yield _tag(34864, TIFF_SHORT, 2)  # SensitivityType: RecommendedExposureIndex
         yield _tag(34866, TIFF_LONG, iso)  # RecommendedExposureIndex
     yield 36864, UNDEFINED, 4, b"0230", True  # ExifVersion
 
 
 def _tag(code: int, kind: int, *values: float) -> Tag:
-    """A tag of numbers; those that are fractions as numerator and denominator, one after the other."""
+    """Return a tag of numbers; fractions become numerator and denominator."""
     content: bytes | tuple[float, ...] = values
     if kind in (RATIONAL, SRATIONAL):
         content = tuple(itertools.chain.from_iterable(map(_rational, values)))
@@ -237,13 +228,13 @@ def _tag(code: int, kind: int, *values: float) -> Tag:
 
 
 def _rational(value: float) -> tuple[int, int]:
-    """The nearest fraction whose numerator and denominator have 31 bits."""
+    """Return the nearest fraction whose numerator and denominator have 31 bits."""
     most = int(LARGEST / max(abs(value), 1.0))
     return Fraction(float(value)).limit_denominator(most).as_integer_ratio()
 
 
 def _finish(file: Path, photometric: int, exif: Sequence[Tag]) -> None:
-    """What tifffile does not write: a directory of Exif, and LinearRaw of one value per pixel."""
+    """Write what tifffile cannot write: the Exif directory, and LinearRaw of one value per pixel."""
     with file.open("r+b") as opened:
         end = opened.seek(0, os.SEEK_END)
         place = end + end % 2
@@ -265,15 +256,13 @@ def _finish(file: Path, photometric: int, exif: Sequence[Tag]) -> None:
 
 
 def _directory(tags: Sequence[Tag], place: int) -> bytes:
-    """A directory of TIFF that is to begin at this byte, its tags in the order of their numbers."""
+    """Return a TIFF directory that starts at byte ``place``, with its tags in the order of their numbers."""
     entries, behind = struct.pack("<H", len(tags)), b""
     start = place + 2 + 12 * len(tags) + 4
     for code, kind, count, value, _ in sorted(tags):
         content = value
         if kind != UNDEFINED:
-            letter = "I"
-            if kind == TIFF_SHORT:
-                letter = "H"
+            letter = "H" if kind == TIFF_SHORT else "I"
             content = struct.pack(f"<{len(value)}{letter}", *value)
         inside = content
         if len(content) > 4:
@@ -284,10 +273,10 @@ def _directory(tags: Sequence[Tag], place: int) -> bytes:
 
 
 def iso_speed(camera: Camera) -> float | None:
-    """S_sat = 78 lx·s/H_sat: H_sat of CIE D65 makes the most sensitive of the camera's pixels saturate.
+    """Return the ISO speed of the gain setting, or else S_sat = 78 lx·s/H_sat.
 
-    The number of the camera's gain setting where that is an ISO number. Raises InputError where darkness is at the
-    highest code.
+    H_sat is the exposure to CIE D65 at which the most sensitive pixels saturate. Raises InputError if dark pixels are
+    at the full-scale code.
     """
     for setting in camera.gains:
         if setting.label == camera.gain and setting.iso is not None:
@@ -301,11 +290,12 @@ def iso_speed(camera: Camera) -> float | None:
 
 
 class Calibration(NamedTuple):
-    """What a DNG says of a camera under one illuminant; DNG 1.4, chapter 6.
+    """Colour calibration of a camera under one illuminant (DNG 1.4, chapter 6).
 
     light_source : the illuminant, a LightSource of Exif.
-    to_raw : (3, 3) ColorMatrix, from XYZ to raw red, green and blue; of white the largest is 1 where Y is 1.
-    to_xyz : (3, 3) ForwardMatrix, from balanced red, green and blue to XYZ adapted to D50.
+    to_raw : ColorMatrix from XYZ to raw red, green and blue, shape (3, 3); the largest raw value of white with Y = 1
+        is 1.
+    to_xyz : ForwardMatrix from balanced red, green and blue to XYZ adapted to D50, shape (3, 3).
     """
 
     light_source: int
@@ -314,17 +304,14 @@ class Calibration(NamedTuple):
 
 
 def calibrations(camera: Camera) -> tuple[Calibration, ...]:
-    """Calibrations of a camera with filters red, green and blue, under each illuminant that all of them detect.
-
-    Other cameras have none.
-    """
+    """Return the calibrations of an RGB camera under each illuminant that all filters detect; () for other cameras."""
     matrices = (_calibrate(camera, name) for name in LIGHT_SOURCES)
     return tuple(calibration for calibration in matrices if calibration is not None)
 
 
 def _calibrate(camera: Camera, name: str) -> Calibration | None:
-    """The matrix of the preview (see colour_matrix.py) under this illuminant, in the terms of DNG, whose readers adapt
-    colours by the linear Bradford method."""
+    """Convert the colour matrix of the preview (colour_matrix.py) under this illuminant to the matrices of DNG, whose
+    readers adapt colours by the linear Bradford method."""
     light, order = standard_light(camera, name), colour_order(camera.filter_names)
     matrix = colour_matrix(camera, light)
     if matrix is None or order is None or matrix.illuminant != "scene":

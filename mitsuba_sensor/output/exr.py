@@ -1,4 +1,4 @@
-"""Spectral irradiance and AOVs as OpenEXR files; each appears whole or not at all (appearing.py)."""
+"""Spectral irradiance and AOVs as OpenEXR files."""
 
 from __future__ import annotations
 
@@ -28,36 +28,34 @@ IN_BAND_CHANNEL = "in_band"
 PASS_ERROR_CHANNEL = "pass_error"
 RAW_LAYER = "raw."
 GROUP_LAYER = "light."
-MOST_HALF = 65504.0  # largest number in half precision
-MOST_POWER = 120  # of two, in a float32 of a header
+HALF_MAX = 65504.0  # largest number in half precision
+POWER_MAX = 120  # of two, in a float32 of a header
 AOV_LAYERS = {
-    "depth_m": ("", "m along the optical axis, inf where nothing is"),
-    "position_m": ("XYZ", "m in world space, NaN where nothing is"),
-    "normal": ("XYZ", "unit vector in world space, 0 where nothing is"),
+    "depth_m": ("", "m along the optical axis, inf where no surface is"),
+    "position_m": ("XYZ", "m in world space, NaN where no surface is"),
+    "normal": ("XYZ", "unit vector in world space, 0 where no surface is"),
     "albedo": ("RGB", "mean diffuse reflectance over 600-700, 500-600, 400-500 nm"),
-    "shape_index": ("", "number in shapes, from 0; -1 where nothing is"),
+    "shape_index": ("", "number in shapes, from 0; -1 where no surface is"),
     "flow_px": ("XY", "pixels to the right and down during the exposure"),
 }
-"""Array of Aovs → its components, its unit."""
+"""Array of Aovs → components, unit."""
 
 
 def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False) -> None:
-    """Focal-plane irradiance [W m⁻² nm⁻¹] as float32 spectral EXR; :func:`read_irradiance_exr` is its inverse.
+    """Write focal-plane irradiance [W m⁻² nm⁻¹] as float32 spectral EXR; :func:`read_irradiance_exr` is the inverse.
 
-    half : also the bands in half precision, multiplied by ``half_scale`` of the header, a power of two at which the
-        brightest one is just below the largest number; the unit in the header is divided by it.
+    half : also write the bands in half precision, multiplied by ``half_scale`` of the header, a power of two; the unit
+        in the header is divided by it.
 
-    Channels ``S0.<nm>nm`` hold the bands (decimal comma, as Fichet et al. 2021 have it, because a dot separates
-    layers). ``standard_error.<nm>nm`` are their standard errors in half precision, to 0.05 %, multiplied by
-    ``error_scale`` of the header: half of the size of a file were digits of noise. ``relative_error`` is that of the
-    electrons, ``pass_error`` that of the electrons before denoising.
-    ``in_band`` is the factor on the electrons of the camera whose fingerprint is ``response`` in the header.
-    ``rendered_for`` in the header is camera (its whole datasheet), exposure, serial number and illuminant as JSON.
-    Light that was kept as it was before denoising has the same channels in the layer ``raw``.
-    Light groups have the same channels in the layers ``light.<name>``; what is outside of layers is their sum, each as
-    it was rendered. ``light_groups`` in the header has the statistics and the illuminant of each as JSON.
-    Light that was rendered behind polarisers has their fingerprint as ``polarizers`` in the header.
-    What was rendered into colour filters has ``channel.<filter>`` instead, in W m⁻² at the wavelength in the header.
+    Channels: ``S0.<nm>nm`` are the bands (with a decimal comma as in Fichet et al. 2021, because a dot separates
+    layers), or ``channel.<filter>`` for light rendered into colour filters, in W m⁻² at ``reference_nm`` of the header.
+    ``standard_error.<nm>nm`` are standard errors in half precision, to 0.05 %, multiplied by ``error_scale``.
+    ``relative_error`` is the relative standard error of the electrons, ``pass_error`` the same before denoising.
+    ``in_band`` is a factor on the electrons of the camera whose fingerprint is ``response`` in the header.
+    Layer ``raw`` contains the light before denoising, layers ``light.<name>`` the light groups; channels outside layers
+    are the sum of the groups as rendered.
+    Header: ``rendered_for`` is camera (whole datasheet), exposure, serial number and illuminant as JSON;
+    ``light_groups`` the statistics and illuminant of each group as JSON; ``polarizers`` the fingerprint of polarisers.
     """
     header: dict[str, str | float] = {
         "spectralLayoutVersion": "1.0",
@@ -71,7 +69,7 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
     errors = [light.standard_error for light in layers.values()]
     scale, error_scale = None, _half_scale(errors)
     if half:
-        scale = error_scale = _half_scale([*errors, *(one.data for one in layers.values())])
+        scale = error_scale = _half_scale([*errors, *(light.data for light in layers.values())])
         header |= {"half_scale": scale, "emissiveUnits": f"{1 / scale!r} W.m^-2.nm^-1"}
     header["error_scale"] = error_scale
     if irradiance.filters is not None:
@@ -79,8 +77,8 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
         header |= {"filters": json.dumps(names), "response": irradiance.response or ""}
         header["reference_nm"] = float(irradiance.wavelengths_nm[0])
     else:
-        lengths = [f"{float(wavelength_nm)!r}nm" for wavelength_nm in irradiance.wavelengths_nm]
-        names, prefix = [length.replace(".", ",") for length in lengths], SPECTRAL_CHANNEL
+        names = [f"{float(nm)!r}nm".replace(".", ",") for nm in irradiance.wavelengths_nm]
+        prefix = SPECTRAL_CHANNEL
     if irradiance.in_band is not None:
         header["response"] = irradiance.response or ""
     if irradiance.polarizers is not None:
@@ -107,58 +105,48 @@ def write_irradiance_exr(path: Path, irradiance: Irradiance, half: bool = False)
 
 
 def _layers_of(irradiance: Irradiance) -> dict[str, Irradiance]:
-    """Layer → its light: the whole, that before denoising, and both of each light group."""
-    found = {"": irradiance}
-    found |= {f"{GROUP_LAYER}{name}.": light for name, light in irradiance.groups.items()}
-    raw = {layer + RAW_LAYER: one.raw for layer, one in found.items() if one.raw is not None}
-    return found | raw
+    """Return layer → light: the whole, each light group, and both before denoising."""
+    layers = {"": irradiance}
+    layers |= {f"{GROUP_LAYER}{name}.": light for name, light in irradiance.groups.items()}
+    raw = {f"{layer}{RAW_LAYER}": light.raw for layer, light in layers.items()}
+    return layers | {layer: light for layer, light in raw.items() if light is not None}
 
 
 def _groups_header(irradiance: Irradiance) -> dict[str, object]:
-    """What the header says of each light group."""
-    groups = dict[str, object]()
-    for name, light in irradiance.groups.items():
-        known = light.rendered_for
-        if known is None:
-            illuminant = None
-        else:
-            illuminant = known.to_dict()["illuminant"]
-        if light.raw is None:
-            raw = None
-        else:
-            raw = light.raw.statistics.to_dict()
-        statistics = light.statistics.to_dict()
-        groups[name] = {"statistics": statistics, "raw": raw, "illuminant": illuminant}
-    return groups
+    """Return the header entries of each light group."""
+    return {
+        name: {
+            "statistics": light.statistics.to_dict(),
+            "raw": light.raw and light.raw.statistics.to_dict(),
+            "illuminant": light.rendered_for and light.rendered_for.to_dict()["illuminant"],
+        }
+        for name, light in irradiance.groups.items()
+    }
 
 
 def _half_scale(arrays: list[np.ndarray]) -> float:
-    """The power of two at which no finite number of the arrays is beyond half precision."""
+    """Return the largest power of two that keeps all finite numbers within half precision."""
     most = max(float(np.max(array, initial=0.0, where=np.isfinite(array))) for array in arrays)
     if not most > 0:
         return 1.0
-    power = np.floor(np.log2(MOST_HALF / most))
-    return float(2.0 ** min(power, MOST_POWER))
+    power = np.floor(np.log2(HALF_MAX / most))
+    return float(2.0 ** min(power, POWER_MAX))
 
 
 def read_irradiance_exr(path: str | os.PathLike[str]) -> Irradiance:
-    """Light of a file that :func:`write_irradiance_exr` wrote.
-
-    Raises InputError for anything else: no such file, not an EXR, no spectrum in it, cut short.
-    """
+    """Return the light of a file that :func:`write_irradiance_exr` wrote. Raises InputError for other files."""
     wrong = "but not the focal-plane irradiance that `mitsuba-sensor render` writes"
     with whole_exr(Path(path), wrong, "; give an irradiance.exr") as (header, pixels):
         return _irradiance(header, pixels)
 
 
 def _irradiance(header: Mapping[str, Any], pixels: Mapping[str, np.ndarray]) -> Irradiance:
-    """Light of the header and the channels of an irradiance.exr. Raises ValueError and KeyError for other files."""
+    """Return the light of the header and channels of an irradiance.exr. Raises ValueError and KeyError for others."""
     from ..render.light.irradiance import Irradiance
+    from ..render.light.statistics import RenderStatistics
 
-    if "filters" in header:
-        filters: tuple[str, ...] | None = _names_of(json_value(header["filters"]))
-    else:
-        filters = None
+    statistics_of = RenderStatistics.from_dict
+    filters = _names_of(json_value(header["filters"])) if "filters" in header else None
     if filters:
         names, prefix = list(filters), FILTER_CHANNEL
         lengths_nm = [header["reference_nm"]] * len(names)
@@ -166,7 +154,7 @@ def _irradiance(header: Mapping[str, Any], pixels: Mapping[str, np.ndarray]) -> 
         prefix = SPECTRAL_CHANNEL
         bands = [name for name in pixels if name.startswith(prefix)]
         names = [name.removeprefix(prefix) for name in bands]
-        names.sort(key=_wavelength_nm)  # EXR sorts them as text
+        names.sort(key=_wavelength_nm)  # EXR sorts names as text
         lengths_nm = [_wavelength_nm(name) for name in names]
     common = {
         "wavelengths_nm": np.array(lengths_nm, dtype=float),
@@ -197,21 +185,27 @@ def _irradiance(header: Mapping[str, Any], pixels: Mapping[str, np.ndarray]) -> 
 
     raw = None
     if "raw_statistics" in header:
-        raw = Irradiance(**light(RAW_LAYER, _statistics(header["raw_statistics"])))
+        raw = Irradiance(
+            **light(RAW_LAYER, statistics_of(json_value(header["raw_statistics"])))
+        )
     rendered_for = _rendered_for(header)
     groups = dict[str, Irradiance]()
-    for name, of_group in json_value(header.get("light_groups", "{}")).items():
+    for name, entry in json_value(header.get("light_groups", "{}")).items():
         layer = f"{GROUP_LAYER}{name}."
         raw_group = None
-        if of_group["raw"] is not None:
-            raw_group = Irradiance(**light(layer + RAW_LAYER, _statistics_of(of_group["raw"])))
+        if entry["raw"] is not None:
+            raw_group = Irradiance(**light(layer + RAW_LAYER, statistics_of(entry["raw"])))
+        group_for = rendered_for
+        if group_for is not None:
+            values = group_for.to_dict() | {"illuminant": entry["illuminant"]}
+            group_for = group_for.from_dict(values)
         groups[name] = Irradiance(
-            **light(layer, _statistics_of(of_group["statistics"])),
-            rendered_for=_with_illuminant(rendered_for, of_group["illuminant"]),
+            **light(layer, statistics_of(entry["statistics"])),
+            rendered_for=group_for,
             raw=raw_group,
         )
     return Irradiance(
-        **light("", _statistics(header["render_statistics"])),
+        **light("", statistics_of(json_value(header["render_statistics"]))),
         rendered_for=rendered_for,
         raw=raw,
         groups=groups,
@@ -219,15 +213,8 @@ def _irradiance(header: Mapping[str, Any], pixels: Mapping[str, np.ndarray]) -> 
     )
 
 
-def _with_illuminant(known: RenderedFor | None, illuminant: object) -> RenderedFor | None:
-    """What a light group was rendered for: as the whole light, with an illuminant of its own."""
-    if known is None:
-        return None
-    return known.from_dict({**known.to_dict(), "illuminant": illuminant})
-
-
 def _pair_of(value: object) -> tuple[int, int]:
-    """Row and column in a header. Raises ValueError for anything else."""
+    """Return row and column of a header. Raises ValueError for other values."""
     match value:
         case [int(row), int(column)]:
             return row, column
@@ -235,7 +222,7 @@ def _pair_of(value: object) -> tuple[int, int]:
 
 
 def _widths_of(value: object, bands: int) -> np.ndarray:
-    """Widths of so many bands in a header [nm]. Raises ValueError for anything else."""
+    """Return the widths of the bands in a header [nm]. Raises ValueError for other values."""
     widths = np.array(value, dtype=float)
     if widths.shape != (bands,) or not np.isfinite(widths).all():
         raise ValueError(f"bandwidths_nm is {shown(value)}")
@@ -243,16 +230,16 @@ def _widths_of(value: object, bands: int) -> np.ndarray:
 
 
 def _names_of(value: object) -> tuple[str, ...]:
-    """Names of filters in a header. Raises ValueError for anything else."""
+    """Return the names of filters in a header. Raises ValueError for other values."""
     if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
         raise ValueError(f"filters is {shown(value)}")
     return tuple(value)
 
 
 def rendered_for(path: str | os.PathLike[str]) -> RenderedFor | None:
-    """What an irradiance.exr was rendered for, without reading its pixels; None where it does not say.
+    """Return what an irradiance.exr was rendered for, without reading its pixels; None if unknown.
 
-    Raises InputError for what is no EXR.
+    Raises InputError for other files.
     """
     with whole_exr(Path(path), "whose header cannot be read", pixels=False) as (header, _):
         return _rendered_for(header)
@@ -266,21 +253,10 @@ def _rendered_for(header: Mapping[str, Any]) -> RenderedFor | None:
     return RenderedFor.from_dict(json_value(header["rendered_for"]))
 
 
-def _statistics(text: str) -> RenderStatistics:
-    """Render statistics from JSON, whose notes are a tuple again."""
-    return _statistics_of(json_value(text))
-
-
-def _statistics_of(values: object) -> RenderStatistics:
-    from ..render.light.statistics import RenderStatistics
-
-    return RenderStatistics.from_dict(values)
-
-
 def write_aovs_exr(path: Path, aovs: Aovs) -> None:
-    """AOVs as float32 EXR, one layer for each of its arrays; :func:`read_aovs_exr` is its inverse.
+    """Write AOVs as float32 EXR, one layer for each array; :func:`read_aovs_exr` is the inverse.
 
-    The header has ``units`` and ``shapes``, the names behind the numbers of ``shape_index``, as JSON.
+    The header has ``units`` and ``shapes``, the names for the numbers of ``shape_index``, as JSON.
     """
     header: dict[str, str | float] = {
         "units": json.dumps({name: unit for name, (_, unit) in AOV_LAYERS.items()}),
@@ -296,7 +272,7 @@ def write_aovs_exr(path: Path, aovs: Aovs) -> None:
 
 
 def read_aovs_exr(path: str | os.PathLike[str]) -> Aovs:
-    """AOVs of a file that :func:`write_aovs_exr` wrote. Raises InputError for anything else."""
+    """Return the AOVs of a file that :func:`write_aovs_exr` wrote. Raises InputError for other files."""
     from ..render.motion.aovs import Aovs
 
     wrong = "without the AOVs that `render --aovs` writes"
@@ -304,9 +280,7 @@ def read_aovs_exr(path: str | os.PathLike[str]) -> Aovs:
         arrays: dict[str, np.ndarray] = {}
         for name, (axes, _) in AOV_LAYERS.items():
             images = [pixels[layer] for layer in _layers(name, axes)]
-            arrays[name] = images[0]
-            if len(images) > 1:
-                arrays[name] = np.stack(images, axis=-1)
+            arrays[name] = np.stack(images, axis=-1) if axes else images[0]
         return Aovs(
             **arrays,
             shapes=tuple(json_value(header["shapes"])),
@@ -315,7 +289,7 @@ def read_aovs_exr(path: str | os.PathLike[str]) -> Aovs:
 
 
 def _layers(name: str, axes: str) -> list[str]:
-    """Names of the EXR channels of one array."""
+    """Return the names of the EXR channels of one array."""
     return [f"{name}.{axis}" for axis in axes] or [name]
 
 

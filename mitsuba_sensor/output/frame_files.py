@@ -1,4 +1,4 @@
-"""What raw frames become outside of the program: a preview, files with their metadata, a fragment of a notebook."""
+"""Raw frames as files: metadata, previews, and the fragment that a notebook shows."""
 
 from __future__ import annotations
 
@@ -46,28 +46,30 @@ FRAME_FILES = (
     *CLEAN,
     "frame.json",
 )
-"""Files of frames of light that is rendered already."""
+"""Files of frames of rendered light."""
 CAPTURE_FILES = (*FRAME_FILES, "irradiance.exr", "aovs.exr")
 """Files of frames of a scene."""
 ABOUT = (
-    "docs/frames.md of mitsuba_sensor says what each key means; null is what was not asked for, holds by default, "
-    "does not apply or is not known"
+    "docs/frames.md of mitsuba_sensor explains each key; null means not requested, default, not applicable or "
+    "unknown"
 )
-"""In frame.json."""
-CROP_PX = 200  # rows and columns of a crop at 1:1 in a notebook
-MOST_PIXELS = 60_000  # of a picture in a notebook: below 250 kB as PNG in base64, however noisy
+"""Text in frame.json."""
+CROP_PX = 200
+"""Rows and columns of a crop at 1:1 in a notebook."""
+PICTURE_PIXELS_MAX = 60_000
+"""Pixels of a picture in a notebook: even a noisy one is below 250 kB as PNG in base64."""
 
 
 def preview_of(frames: RawFrames, number: int = 0, gain: float = 1.0) -> NDArray[np.uint8]:
-    """frame.png: one of the frames, as :func:`preview` develops it in the light of the scene."""
+    """Return the picture of frame.png: one of the frames, developed in the light of the scene."""
     illuminant = frames.light.illuminant
-    gain = require("gain", gain, 0.0, np.inf, "how many times as bright, e.g. 2")
+    gain = require("gain", gain, 0.0, np.inf, "a factor of brightness, e.g. 2")
     digital = frames.digital[require_frame(number, len(frames.digital))]
     return preview(digital, frames.camera, gain, frames.first.window.origin, illuminant)
 
 
 def frames_metadata(frames: Frames) -> dict[str, Any]:
-    """What frames know of themselves, under the names of frame.json."""
+    """Return the content of frame.json."""
     first, colours = frames.first, colour_matrix(frames.camera, frames.light.illuminant)
     report = frames.report
     return {
@@ -93,7 +95,7 @@ def frames_metadata(frames: Frames) -> dict[str, Any]:
 
 
 def summary_of(frames: Frames, report: Mapping[str, Any]) -> dict[str, Any]:
-    """What a reader of frame.json looks for first."""
+    """Return the summary of frame.json."""
     facts, counts = image_facts(frames), report["counts"]
     pixels = frames.digital[0].size
     noise, _ = frames.render_noise
@@ -113,7 +115,7 @@ def summary_of(frames: Frames, report: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def save_frames(frames: Frames, folder: str | os.PathLike[str]) -> None:
-    """Write frame.tiff, frame.png and frame.json, all or none; CLEAN of other frames goes. Raises InputError."""
+    """Write frame.tiff, frame.png and frame.json, all or none; older FRAME_FILES are removed. Raises InputError."""
     with output_folder(require_path("folder", folder, "out/"), FRAME_FILES) as scratch:
         write_frames(scratch, frames, frames_metadata(frames))
 
@@ -121,12 +123,9 @@ def save_frames(frames: Frames, folder: str | os.PathLike[str]) -> None:
 def write_frames(
     folder: Path, frames: Frames, metadata: dict[str, Any], gain: float = 1.0
 ) -> None:
-    """The three files, with this metadata, and the picture brightened where it is dark.  gain : of the preview."""
+    """Write the files of frames with this metadata, and a brighter picture of dark frames.  gain : of the preview."""
     image, colours = metadata["image"], metadata["colour"]
-    if colours is None:
-        matrix = None
-    else:
-        matrix = ColourMatrix(**colours)
+    matrix = None if colours is None else ColourMatrix(**colours)
     first, camera, origin = frames.digital[0], frames.camera, frames.first.window.origin
     tiff.write_tiff(folder / "frame.tiff", frames.digital, image)
     if has_several_readouts(frames.camera) or frames.camera.companding.knees:
@@ -142,14 +141,14 @@ def write_frames(
 
 
 def brightened_caption(factor: int) -> str:
-    """What stands below a picture that is shown brighter.  factor : a power of two."""
+    """Return the caption of a brightened picture.  factor : a power of two."""
     stops = round(math.log2(factor))
     unit = "stop" if stops == 1 else "stops"
     return f"{factor} x brighter than exposed ({stops} {unit})"
 
 
 def frames_html(frames: Frames) -> str:
-    """Return the first frame as a notebook shows it: small, beside a crop of a large one at 1:1, with what it is."""
+    """Return the first frame as a notebook shows it: a small picture, a crop of a large frame at 1:1, and facts."""
     first, window, camera = frames.digital[0], frames.first.window, frames.camera
     exposure, count = frames.first.exposure, len(frames.digital)
     highest = converter_of(camera.stages).highest
@@ -173,11 +172,9 @@ def frames_html(frames: Frames) -> str:
         part = first[top : top + CROP_PX, left : left + CROP_PX]
         crop = preview(part, camera, 1.0, (origin[0] + top, origin[1] + left), illuminant)
         pictures.append(picture(png.png(crop), crop.shape[1], "middle of the frame at 1:1"))
-        averaged = (
-            f"means of {means[0]} × {means[1]} pixels of one filter, whose noise is lower"
-        )
         rows["pictures"] = (
-            f"{averaged}; beside them {part.shape[1]} × {part.shape[0]} pixels at 1:1"
+            f"means of {means[0]} × {means[1]} pixels of one filter, which have less noise; beside them "
+            f"{part.shape[1]} × {part.shape[0]} pixels at 1:1"
         )
     if frames.notes:
         rows["notes"] = " · ".join(frames.notes)
@@ -187,12 +184,12 @@ def frames_html(frames: Frames) -> str:
 def binned(
     digital: NDArray[np.generic], camera: Camera
 ) -> tuple[Float64Array, tuple[int, int]]:
-    """Return a raw frame of at most MOST_PIXELS pixels, or one tile of the mosaic, and how many rows and columns of
-    each filter one of its pixels is the mean of."""
+    """Return a raw frame averaged to at most PICTURE_PIXELS_MAX pixels, but at least one tile of the mosaic, and the
+    rows and columns of one filter that are averaged."""
     tile_rows, tile_columns = np.array(camera.tile).shape
     rows, columns = digital.shape
     step = 1
-    while (rows // step + 1) * (columns // step + 1) > MOST_PIXELS:
+    while (rows // step + 1) * (columns // step + 1) > PICTURE_PIXELS_MAX:
         step += 1
     if step == 1:
         return np.asarray(digital, dtype=np.float64), (1, 1)
@@ -206,8 +203,8 @@ def binned(
 
 
 def image_facts(frames: RawFrames) -> dict[str, Any]:
-    """What a reader of the raw frames must know: size, first pixel on the sensor, colour filters as they lie in this
-    file from its first pixel on, black and white level [DN], exposure time [s] and temperature [K]."""
+    """Return the facts for reading raw frames: size, first pixel on the sensor, colour filters from the first pixel of
+    the file, black and white level [DN], exposure time [s] and temperature [K]."""
     camera, first = frames.camera, frames.first
     converter = converter_of(camera.stages)
     pattern = None

@@ -1,7 +1,7 @@
-"""The page of one frame, a single HTML file without server or library.
+"""The page of one frame: a single HTML file without server or library.
 
-A slider chooses among frames that the sensor model made in the same light; under the pointer stand the code of a pixel,
-its expected value and its temporal σ.
+A slider selects frames of the same light at other exposure times; the pointer shows the code of a pixel, its expected
+value and its temporal σ.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from .frames import Frames
 
 STOPS = (-4, -3, -2, -1, 0, 1)
-"""Exposure times on the page, in stops from that of the frame."""
+"""Exposure times on the page, in stops relative to the frame."""
 CROP_PX, OVERVIEW_PX = 512, 512
-"""Rows and columns of the crop that the page shows, and the largest side of its overview."""
+"""Rows and columns of the crop on the page, and the largest side of its overview."""
 STEP_DN = 0.01
 """Resolution of expected values and σ on the page for codes of 16 bits or fewer."""
 
@@ -89,7 +89,7 @@ def frame_page(frames: Frames) -> str:
 
 
 def block_means(picture: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
-    """Return the means of blocks of factor × factor pixels of an 8-bit picture; rows and columns left over are cut."""
+    """Return the means of blocks of factor × factor pixels of an 8-bit picture; the remainder is cut off."""
     rows, columns = (side // factor for side in picture.shape[:2])
     blocks = picture[: rows * factor, : columns * factor].reshape(
         rows, factor, columns, factor, *picture.shape[2:]
@@ -98,7 +98,7 @@ def block_means(picture: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
 
 
 def _middle(side: int) -> slice:
-    """The middle of a side, CROP_PX long, that starts at an even pixel."""
+    """Return the middle CROP_PX pixels of a side, from an even pixel."""
     start = max(side - CROP_PX, 0) // 4 * 2
     return slice(start, min(start + CROP_PX, side))
 
@@ -106,7 +106,7 @@ def _middle(side: int) -> slice:
 def _exposure_data(
     frames: Frames, exposure: Exposure, crop: tuple[slice, ...], step_dn: float
 ) -> dict[str, object]:
-    """Codes, expected values and σ of the crop at one exposure time."""
+    """Return codes, expected values and σ of the crop at one exposure time."""
     is_own = exposure == frames.first.exposure
     shown = frames if is_own else frames.exposed_for(exposure)
     sigma_dn, counts = np.sqrt(shown.temporal_variance[crop]), shown.counts
@@ -127,7 +127,7 @@ def _exposure_data(
 
 
 def _packed(values: NDArray[np.generic]) -> str:
-    """Whole numbers from 0 to 2³² − 1 as base64 of compressed planes of bytes, the lowest bytes first."""
+    """Encode whole numbers from 0 to 2³² − 1 as base64 of compressed planes of bytes, lowest bytes first."""
     whole = np.clip(values, 0, 2**32 - 1).astype("<u4")
     planes = np.ascontiguousarray(whole).view(np.uint8).reshape(whole.size, 4).T
     return base64.b64encode(zlib.compress(planes.tobytes(), 9)).decode()

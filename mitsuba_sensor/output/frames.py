@@ -1,4 +1,4 @@
-"""Frames: raw frames with what is expected of them, their report, their notes, and the files that they are saved as."""
+"""Frames: raw frames with their expected values, report, notes and files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from ..theory.clean import PixelMoments, pixel_moments
 from ..theory.expected import Expectation
 from ..theory.noise_budget import NoiseBudget
 from ..theory.plan import Plan
-from ..theory.report import FrameObserver, report
+from ..theory.report import report
 from .dng import write_dng
 from .frame_files import frames_html, preview_of, save_frames
 from .frame_page import frame_page
@@ -45,7 +45,7 @@ PLOTTED_BINS = 256
 
 
 class FramesOfReadouts(dict[str, "Frames"]):
-    """Frames by the name of their read-out; another name is refused with a sentence."""
+    """Frames by the name of their readout; another name raises InputError."""
 
     def __init__(self, camera: str, frames: Mapping[str, Frames]) -> None:
         super().__init__(frames)
@@ -57,96 +57,90 @@ class FramesOfReadouts(dict[str, "Frames"]):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Frames(RawFrames):
-    """Raw frames of one camera, which know what is expected of them and can be saved.
+    """Raw frames of one camera, with their expected values and files.
 
     ::
 
         frames = ms.expose(photons, camera, exposure, frames=2)
-        difference = frames.digital[0] - frames.clean  # temporal noise alone [DN]
+        difference = frames.digital[0] - frames.clean  # temporal noise only [DN]
         print(frames.noise_budget().explain())
         frames.save("frames/")
 
     digital : (N, H, W) uint8, uint16 or uint32, whichever holds ``adc.bits`` [DN].
-    plan : what was left out of the chain, where ``plan`` or ``tolerance_dn`` was given.
-    detected : mean photoelectrons of the light.  backend : what computed the frames.
-    photons, photoelectrons, dark_electrons, electrons, volts, input_referred_electrons : (N, H, W) float64 if asked for
-        by ``keep``, else None.
-    observer : who followed the first frame while it was computed, for the report.
-    own_clean, own_readouts : clean frames and read-outs where each frame has a light of its own.
+    plan : stages omitted from the chain, if ``plan`` or ``tolerance_dn`` was given.
+    detected : mean photoelectrons of the light.  backend : backend that computed the frames.
+    photons, photoelectrons, dark_electrons, electrons, volts, input_referred_electrons : (N, H, W) float64 if requested
+        with ``keep``, else None.
+    own_clean, own_readouts : clean frames and readouts, if each frame has separate light.
     """
 
     plan: Plan | None = None
-    observer: FrameObserver | None = None
     own_clean: NDArray[np.float32] | None = None
     own_readouts: Mapping[str, Frames] | None = None
 
     @classmethod
-    def of(cls, raw: RawFrames, observer: FrameObserver | None = None) -> Frames:
-        """Frames with these digital numbers.  observer : who followed the first of them, for the report."""
-        values = {field.name: getattr(raw, field.name) for field in fields(RawFrames)}
-        return cls(**values, observer=observer)
+    def of(cls, raw: RawFrames) -> Frames:
+        """Return frames with these digital numbers."""
+        return cls(**{field.name: getattr(raw, field.name) for field in fields(RawFrames)})
 
     def __sub__(self, other: object) -> NoReturn:
         raise InputError(
-            "frames are no array: frames.minus(dark) subtracts a zero-exposure frame, and frames.digital is the array "
-            "of the numbers, of an unsigned type: take frames.digital.astype(float) to calculate with it."
+            "Frames is not an array; frames.minus(dark) subtracts a bias frame, and frames.digital.astype(float) is an "
+            "array for calculations."
         )
 
     __rsub__ = __add__ = __radd__ = __mul__ = __rmul__ = __truediv__ = __rtruediv__ = __sub__
     __array_ufunc__ = None
 
     @classmethod
-    def exposed(cls, sensor: PreparedExposure, followed: bool = False) -> Frames:
-        """All frames of an exposure.  followed : whether clipped pixels of the first are counted along with it."""
-        observer = FrameObserver(sensor.stages) if followed else None
-        return cls.of(sensor.frames(observer), observer)
+    def exposed(cls, sensor: PreparedExposure) -> Frames:
+        """Return all frames of an exposure."""
+        return cls.of(sensor.frames())
 
     @classmethod
     def joined(cls, parts: Sequence[Frames], with_clean: bool) -> Frames:
-        """Frames that each have a light of their own as one; light, theory and report are those of the first.
+        """Join frames that each have separate light; light, theory and report are those of the first frame.
 
-        with_clean : whether the clean frame of each is computed.
+        with_clean : also compute the clean frame of each.
         """
         first, joined = parts[0], dict[str, Any]()
         for name in ("digital", *KEEP):
             if getattr(first, name) is not None:
                 joined[name] = np.concatenate([getattr(part, name) for part in parts])
-        clean = None
-        if with_clean:
-            clean = np.concatenate([part.clean_of_each for part in parts])
+        clean = np.concatenate([part.clean_of_each for part in parts]) if with_clean else None
         readouts = None
         if has_several_readouts(first.camera):
-            of_each = {
+            by_name = {
                 name: cls.joined([part.readouts[name] for part in parts], False)
                 for name in first.readouts
             }
-            readouts = FramesOfReadouts(first.camera.name, of_each)
+            readouts = FramesOfReadouts(first.camera.name, by_name)
         return replace(first, **joined, own_clean=clean, own_readouts=readouts)
 
     @cached_property
     def readouts(self) -> Mapping[str, Frames]:
-        """The frames of each read-out by its name, whose codes were combined, or of the left and right photodiodes of
-        dual pixels; none of a camera with one read-out.
+        """Frames of each combined readout, or of the left and right photodiodes of dual pixels, by name; empty for a
+        camera with one readout.
 
-        They are computed when they are asked for, byte for byte as they were for the combination; those of dual pixels
-        have the electrons that the picture is the sum of, read alone.
+        They are computed on demand, with the bytes that were combined. Photodiodes of dual pixels have the electrons
+        whose sum is the image, read separately.
         """
         if self.own_readouts is not None:
             return self.own_readouts
         exposures = exposures_of_readouts(self)
-        found = {name: Frames.exposed(one) for name, one in exposures.items()}
-        return FramesOfReadouts(self.camera.name, found)
+        frames = {name: Frames.exposed(exposure) for name, exposure in exposures.items()}
+        return FramesOfReadouts(self.camera.name, frames)
 
     @cached_property
     def theory(self) -> Expectation:
-        """What is expected of these frames behind every stage, averaged over their pixels."""
+        """Expected values after every stage, averaged over the pixels of these frames."""
         return Expectation(self.stages, self.detected, self.first, len(self.digital))
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on light, camera and frames that may surprise, as frame.json, command line and notebook show them.
+        """Notes on possible problems of light, camera and frames, as in frame.json, command line and notebook.
 
-        Where one says that the result is probably not what was wanted, there was a :class:`SensorWarning` too.
+        A note about a result that is probably unwanted was also a :class:`SensorWarning`.
         """
         light_notes: tuple[str, ...] = ()
         if self.light.source is not None:
@@ -156,7 +150,7 @@ class Frames(RawFrames):
 
     @cached_property
     def render_noise(self) -> tuple[dict[str, float | None], tuple[str, ...]]:
-        """What the render's noise means in these frames, and the notes on it; nothing without a render."""
+        """Render noise in these frames, and the notes on it; empty without a render."""
         source = self.light.source
         if source is None:
             return {}, ()
@@ -164,37 +158,37 @@ class Frames(RawFrames):
 
     @cached_property
     def exposure_notes(self) -> tuple[str, ...]:
-        """The notes that cost next to nothing; all doubts but those on the light itself are among them."""
+        """Notes on camera and exposure, which cost almost no time."""
         return notes_of_exposure(self.camera, self.detected, self.first)
 
     @cached_property
     def pixel_moments(self) -> PixelMoments:
-        """``clean`` and ``temporal_variance`` with the FPN maps of this serial, and the method that gave them."""
+        """``clean`` and ``temporal_variance`` with the FPN maps of this serial, and the method that computed them."""
         return pixel_moments(self.stages, self.detected, self.first)
 
     @cached_property
     def clean(self) -> NDArray[np.float32]:
-        """Expectation of the raw frame over temporal noise in the light of the first, (H, W) [DN].
+        """Expected raw frame over temporal noise in the light of the first frame, shape (H, W) [DN].
 
-        Fixed patterns of this serial number are in it. Not rounded.
+        It contains the fixed pattern of this serial number, and is not rounded.
         """
         return self.pixel_moments.mean.astype(np.float32)
 
     @property
     def clean_of_each(self) -> NDArray[np.float32]:
-        """Expectation of every frame in its own light, (N, H, W) [DN]: all equal unless each has its own render."""
+        """Expected value of every frame, shape (N, H, W) [DN]; all are equal unless each has a separate render."""
         if self.own_clean is not None:
             return self.own_clean
         return np.broadcast_to(self.clean, self.digital.shape)
 
     @cached_property
     def temporal_variance(self) -> NDArray[np.float32]:
-        """Variance of every pixel from frame to frame in the light of the first, (H, W) [DN²]."""
+        """Temporal variance of every pixel in the light of the first frame, shape (H, W) [DN²]."""
         return self.pixel_moments.temporal.astype(np.float32)
 
     @cached_property
     def spatial_mean(self) -> NDArray[np.float32]:
-        """Average of the clean frames of the 32 first serial numbers, (H, W) [DN]: hardly any fixed pattern."""
+        """Mean clean frame of the first 32 serial numbers, shape (H, W) [DN], with barely any fixed pattern."""
         windows = (
             replace(self.first.window, serial=k, _maps={}, _tiles={})
             for k in range(1, SERIALS + 1)
@@ -205,44 +199,35 @@ class Frames(RawFrames):
 
     @cached_property
     def report(self) -> dict[str, Any]:
-        """Every stage as expected and as it is in these frames, ready for JSON (see report.py)."""
-        return report(self.camera, self.theory, self._observer)
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """How many pixels of the first frame are clipped, by the cause."""
-        return dict(self._observer.counts)
+        """Expected and measured signal after every stage, ready for JSON; see report.py."""
+        return report(self.camera, self.theory, self.counts)
 
     @cached_property
-    def _observer(self) -> FrameObserver:
-        """Who followed the first frame; it is computed again unless it was ``followed``."""
-        if self.observer is not None:
-            return self.observer
-        observer = FrameObserver(self.stages)
+    def counts(self) -> Mapping[str, int]:
+        """Numbers of clipped pixels of the first frame, by cause."""
+        if self.counted is not None:
+            return self.counted
         first = self.first.on(self.backend)
         exposure = PreparedExposure(self.camera, self.stages, first, 1, (), light=self.detected)
-        exposure.frames(observer)
-        return observer
+        return exposure.frames(counted=True).counted or {}  # the same frame, computed again
 
     @property
     def companded(self) -> NDArray[np.unsignedinteger] | None:
-        """The codes by the camera's table of knees, (N, H, W) [DN]; None without one."""
+        """Codes companded by the camera's knees, shape (N, H, W) [DN]; None without knees."""
         companding = self.camera.companding
-        if not companding.knees:
-            return None
-        return companding.compand(self.digital)
+        return companding.compand(self.digital) if companding.knees else None
 
     def preview(self, number: int = 0, gain: float = 1.0) -> NDArray[np.uint8]:
-        """What frame.png shows: one of the frames, 8 bit, (H, W) grey or (H, W, 3) sRGB.  gain : brightens it."""
+        """Return one of the frames as in frame.png, 8 bit, (H, W) grey or (H, W, 3) sRGB.  gain : brightness factor."""
         return preview_of(self, number, gain)
 
     def save(self, folder: str | os.PathLike[str]) -> None:
-        """Write frame.tiff, frame.png and frame.json: all, or none; those of older frames go. Raises InputError."""
+        """Write frame.tiff, frame.png and frame.json, all or none, and remove older frames. Raises InputError."""
         save_frames(self, folder)
 
     def save_dng(self, path: str | os.PathLike[str], number: int = 0) -> None:
-        """Write one of the frames as a DNG, its pixels unchanged. Raises InputError where other programs read none:
-        beyond 16 bits, of filters that are not red, green and blue in 2 × 2, below 22 × 22 pixels."""
+        """Write one of the frames as a DNG with unchanged pixels. Raises InputError if other programs cannot read it:
+        more than 16 bits, filters other than red, green and blue in 2 × 2, or fewer than 22 × 22 pixels."""
         write_dng(path, self, number)
 
     def exposed_for(self, exposure: Exposure, keep: tuple[str, ...] = ()) -> Frames:
@@ -283,17 +268,15 @@ class Frames(RawFrames):
         return frames_html(self)
 
     def noise_budget(self) -> NoiseBudget:
-        """How much mean and variance of these frames change without each source, in DN.
+        """Return the change of mean and variance of these frames without each noise source [DN, DN²].
 
-        Raises InputError for combined read-outs: each has its own, ``frames.readouts["high"].noise_budget()``.
+        Raises InputError for combined readouts; use ``frames.readouts["high"].noise_budget()``.
         """
-        refuse_readouts(
-            self.camera, "a noise budget is that of one read-out", "frames.readouts"
-        )
+        refuse_readouts(self.camera, "a noise budget is of one readout", "frames.readouts")
         return NoiseBudget(self.theory)
 
 
 def notes_after_render(light: Irradiance, frames: Frames) -> list[str]:
-    """Return the notes on rendered light and its frames, but for the one that was made before the first ray."""
+    """Return the notes on rendered light and its frames, except the note that was shown before rendering."""
     told = temperature_note(frames.first.exposure.temperature_k)
     return [*light.notes, *(note for note in frames.exposure_notes if note not in told)]

@@ -1,4 +1,4 @@
-"""Reads irradiance: our own irradiance.exr, and EXRs of other programs, whose unit must be said by name."""
+"""Readers of irradiance: irradiance.exr, and EXRs of other programs, whose unit must be given."""
 
 from __future__ import annotations
 
@@ -31,26 +31,16 @@ UNITS = {
     "radiance_w_per_m2_sr": "radiance in front of the lens in W m⁻² sr⁻¹, one channel, with wavelength_nm",
     "radiance_rgb": "linear sRGB in front of the lens as Mitsuba has it: 1, 1, 1 is D65 of 73 000 cd/m²",
 }
-OWN = "render_statistics"  # in the header of an irradiance.exr
+OWN_ENTRY = "render_statistics"  # only the header of an irradiance.exr has it
 SPECTRAL = re.compile(
     r"(?:(.*)\.)?S0\.(\d*[.,]?\d+(?:[eE][+-]?\d+)?)(Y|Z|E|P|T|G|M|k|h|da|d|c|m|u|n|p)?(m|Hz)"
 )
-PREFIXES = {
-    "Y": 24,
-    "Z": 21,
-    "E": 18,
-    "P": 15,
-    "T": 12,
-    "G": 9,
-    "M": 6,
-    "k": 3,
-    "h": 2,
-    "da": 1,
-}
-PREFIXES |= {"": 0, "d": -1, "c": -2, "m": -3, "u": -6, "n": -9, "p": -12}
-SAME_PRIMARIES = 1e-3  # of colours: chromaticities are often written with three digits
+POWERS = dict(zip("YZEPTGMkh", (24, 21, 18, 15, 12, 9, 6, 3, 2), strict=True))
+POWERS |= {"da": 1, "": 0, "d": -1, "c": -2, "m": -3, "u": -6, "n": -9, "p": -12}
+"""Prefix of a unit → power of ten."""
+PRIMARIES_TOLERANCE = 1e-3  # chromaticities are often written with three digits
 T = TypeVar("T")
-ONE_NM = 1.0  # width of the band in which the light of one wavelength is
+BANDWIDTH_NM = 1.0  # of light of one wavelength
 
 
 def read_irradiance(
@@ -61,45 +51,45 @@ def read_irradiance(
     fov_deg: float | None = None,
     layer: str | None = None,
 ) -> Irradiance:
-    """Irradiance at the focal plane from an EXR: of our own, or of another program with its unit.
+    """Return irradiance at the focal plane from an irradiance.exr, or from an EXR of another program.
 
     ::
 
         light = ms.read_irradiance("out/irradiance.exr")
         frames = ms.expose(light, exposure=ms.Exposure(0.001))
 
-    unit : of another program's: one of UNITS; of our own irradiance.exr it is known.
-    wavelength_nm : of a single channel.  camera : whose lens the light of a radiance passes.
-    fov_deg : horizontal field of view of the radiance, for the cos⁴ of the lens; without it there is none.
-    layer : which layer or part of a file of several holds the light, or which channel if the unit is that of one.
-    The picture is the display window, and RGB of other primaries (``chromaticities`` in the header) becomes sRGB.
-    Raises InputError for what cannot be read, and where unit, wavelength, camera or layer must be given, or must not.
+    unit : unit of another program's file, one of UNITS.
+    wavelength_nm : wavelength of a single channel.  camera : camera whose lens transmits a radiance.
+    fov_deg : horizontal field of view of a radiance for the cos⁴ fall-off of the lens. Default: no fall-off.
+    layer : layer or part that contains the light, or the channel if the unit is of one channel.
+    The image is the display window; RGB of other primaries (``chromaticities`` in the header) becomes sRGB.
+    Raises InputError for unreadable files, and for missing or superfluous unit, wavelength, camera or layer.
     """
     file = require_path("path", path, "out/irradiance.exr")
     with whole_exr(file, "that cannot be read", pixels=False) as (header, names):
-        is_own = OWN in header
+        is_own = OWN_ENTRY in header
     if is_own:
         if any(given is not None for given in (unit, wavelength_nm, fov_deg, layer)):
-            what = "unit=, wavelength_nm=, fov_deg= and layer="
-            flags = "--unit, --wavelength-nm, --fov-deg, --layer"
             raise InputError(
-                f"{file} is an irradiance.exr, whose unit, wavelengths and lens are known; leave out {what} ({flags})."
+                f"{file} is an irradiance.exr, whose unit, wavelengths and lens are known; omit unit=, wavelength_nm=, "
+                "fov_deg= and layer= (--unit, --wavelength-nm, --fov-deg, --layer)."
             )
         return read_irradiance_exr(file)
     if unit not in UNITS:
-        said, near = "without a unit", ""
+        given, near = "without a unit", ""
         if unit is not None:
-            said, near = f"and unit is {unit!r}", nearest(unit, UNITS)
-        has = f"channels {_show_names(names)}"
-        which = f"say what its values are by unit= (--unit): {', '.join(UNITS)}"
-        raise InputError(f"{file} is an EXR of another program ({has}) {said}; {which}.{near}")
+            given, near = f"and unit is {unit!r}", nearest(unit, UNITS)
+        raise InputError(
+            f"{file} is an EXR of another program (channels {_show_names(names)}) {given}; give unit= (--unit): "
+            f"{', '.join(UNITS)}.{near}"
+        )
     if unit.startswith("radiance") and camera is None:
         raise InputError(
-            f"unit is {unit!r}, in front of the lens; give the camera whose lens it passes (--camera)."
+            f"unit is {unit!r}, which is before the lens; give the camera with the lens (--camera)."
         )
     if fov_deg is not None and not unit.startswith("radiance"):
         raise InputError(
-            f"fov_deg is for radiance, and unit is {unit!r}; leave it out (--fov-deg)."
+            f"fov_deg is only for radiance, but unit is {unit!r}; omit it (--fov-deg)."
         )
     if isinstance(camera, str):
         camera = load_camera(camera)
@@ -114,7 +104,7 @@ def _foreign(
     fov_deg: float | None,
     layer: str | None,
 ) -> Irradiance:
-    """Irradiance of another program's EXR in one of UNITS."""
+    """Return the irradiance of another program's EXR in one of UNITS."""
     from ..render.light import foreign_light
 
     with whole_exr(file, "that cannot be read") as (header, channels):
@@ -122,13 +112,13 @@ def _foreign(
     notes, negative = [f"read as {UNITS[unit]}"], 0
     if wavelength_nm is not None and unit not in ("w_per_m2", "radiance_w_per_m2_sr"):
         raise InputError(
-            f"wavelength_nm is for one channel, and unit is {unit!r}; leave it out (--wavelength-nm)."
+            f"wavelength_nm is only for one channel, but unit is {unit!r}; omit it (--wavelength-nm)."
         )
     if unit == "radiance_rgb":
         assert camera is not None
         rgb, converted = _srgb(file, _rgb(file, pixels, layer), header.get("chromaticities"))
         if not np.isfinite(rgb).all():
-            raise InputError(f"{file} has RGB values that are not finite; correct them first.")
+            raise InputError(f"{file} has RGB values that are not finite; correct them.")
         negative = int((rgb < 0).sum())
         bands = foreign_light.upsampled(np.maximum(rgb, 0.0), camera)
         notes += [*converted, foreign_light.UPSAMPLED]
@@ -146,7 +136,7 @@ def _foreign(
 
 
 def _rgb(file: Path, pixels: dict[str, np.ndarray], layer: str | None) -> np.ndarray:
-    """(H, W, 3) of the layer that ends in .R, .G and .B."""
+    """Return the RGB image of a layer, shape (H, W, 3)."""
     layers = dict[str, list[str]]()
     for name in pixels:
         before, _, last = name.rpartition(".")
@@ -161,23 +151,23 @@ def _rgb(file: Path, pixels: dict[str, np.ndarray], layer: str | None) -> np.nda
 
 
 def _chosen(file: Path, layers: dict[str, T], layer: str | None) -> T:
-    """That of the layer; if none is given, of the one outside of layers or of the only one. Raises InputError."""
+    """Return the entry of a layer. Default: channels outside layers, or the only layer. Raises InputError."""
     if layer is None and (len(layers) == 1 or "" in layers):
         return layers.get("") or next(iter(layers.values()))
     if layer in layers:
         return layers[layer]
-    named = ", ".join(repr(name) if name else "channels outside of layers" for name in layers)
+    named = ", ".join(repr(name) if name else "channels outside layers" for name in layers)
     if layer is None:
-        raise InputError(f"{file} has several layers; choose one by layer= (--layer): {named}.")
+        raise InputError(f"{file} has several layers; choose layer= (--layer): {named}.")
     raise InputError(
-        f"{file} has no layer {layer!r}; it has {named}.{nearest(str(layer), layers)}"
+        f"{file} has no layer {layer!r}; choose {named}.{nearest(str(layer), layers)}"
     )
 
 
 def _srgb(
     file: Path, rgb: np.ndarray, chromaticities: tuple[float, ...] | None
 ) -> tuple[np.ndarray, list[str]]:
-    """Linear sRGB of RGB with the primaries of the header, and what was done."""
+    """Return linear sRGB of RGB with the primaries of the header, and notes."""
     if chromaticities is None:
         return rgb, []
     told = ", ".join(f"{x:.4g}" for x in chromaticities)
@@ -185,11 +175,11 @@ def _srgb(
         matrix = rgb_to_srgb(chromaticities)
     except ValueError:
         raise InputError(
-            f"{file} has chromaticities {told} in its header, which span no colours; correct or remove them."
+            f"{file} has chromaticities {told} in its header, which do not span a triangle; correct or remove them."
         ) from None
-    if np.allclose(matrix, np.eye(3), atol=SAME_PRIMARIES):
+    if np.allclose(matrix, np.eye(3), atol=PRIMARIES_TOLERANCE):
         return rgb, []
-    with np.errstate(all="ignore"):  # infinite values are refused later
+    with np.errstate(all="ignore"):  # infinite values are rejected later
         converted = (rgb @ matrix.T).astype(np.float32)
     return converted, [f"converted from the primaries {told} to sRGB"]
 
@@ -197,7 +187,7 @@ def _srgb(
 def _spectral(
     file: Path, pixels: dict[str, np.ndarray], unit: str, layer: str | None
 ) -> tuple[np.ndarray, Float64Array, Float64Array]:
-    """(bands, wavelengths, widths) in the order of their wavelengths; bands end halfway between two."""
+    """Return bands, wavelengths and widths, sorted by wavelength; bands end halfway between two wavelengths."""
     layers = dict[str, dict[float, str]]()
     for name in pixels:
         match = SPECTRAL.fullmatch(name)
@@ -209,8 +199,10 @@ def _spectral(
         remedy = "another unit"
         if len(pixels) == 1:
             remedy = f"{unit.removesuffix('_nm')} and wavelength_nm (--wavelength-nm)"
-        has = f"{len(names)} channels S0.<wavelength>nm ({_show_names(pixels)})"
-        raise InputError(f"{file} has {has}, and {unit} needs two at least; give {remedy}.")
+        raise InputError(
+            f"{file} has {len(names)} channels S0.<wavelength>nm ({_show_names(pixels)}), but {unit} needs at "
+            f"least two; give {remedy}."
+        )
     centres = np.array(sorted(names))
     middles = 0.5 * (centres[1:] + centres[:-1])
     first_edge, last_edge = 2 * centres[0] - middles[0], 2 * centres[-1] - middles[-1]
@@ -220,7 +212,7 @@ def _spectral(
 
 
 def _show_names(names: Iterable[str]) -> str:
-    """The first names of channels, for a sentence: a file may have any, and as many as it likes."""
+    """Return the first names of channels for a message, because a file may have any number of them."""
     first = list(islice(names, 5))
     shown = [name[:40] if name.isprintable() else repr(name[:40]) for name in first[:4]]
     if len(first) > 4:
@@ -229,8 +221,8 @@ def _show_names(names: Iterable[str]) -> str:
 
 
 def _length_nm(number: str, prefix: str | None, unit: str) -> float:
-    """Wavelength in a channel's name (Fichet et al. 2021), whose decimal comma may be a dot."""
-    value, power = float(number.replace(",", ".")), PREFIXES[prefix or ""]
+    """Return the wavelength in a channel name (Fichet et al. 2021), with a decimal comma or dot."""
+    value, power = float(number.replace(",", ".")), POWERS[prefix or ""]
     if unit == "m":
         return value * 10.0 ** (power + 9)
     return 1e9 * LIGHT_SPEED_M_PER_S / (value * 10.0**power)
@@ -243,16 +235,16 @@ def _one_channel(
     unit: str,
     layer: str | None,
 ) -> tuple[np.ndarray, Float64Array, Float64Array]:
-    """(bands, wavelengths, widths) of light of one wavelength."""
+    """Return bands, wavelengths and widths of light of one wavelength."""
     if layer is None and len(pixels) != 1:
-        has = f"{len(pixels)} channels ({_show_names(pixels)})"
         raise InputError(
-            f"{file} has {has}, and {unit} is for one; choose it by layer= (--layer) or give another unit (--unit)."
+            f"{file} has {len(pixels)} channels ({_show_names(pixels)}), but {unit} is for one; choose layer= "
+            "(--layer), or give another unit (--unit)."
         )
     image = _chosen(file, {name: [x] for name, x in pixels.items()}, layer)[0]
     if wavelength_nm is None:
         raise InputError(
-            f"unit is {unit!r}, of one wavelength; give wavelength_nm, e.g. 550 (--wavelength-nm 550)."
+            f"unit is {unit!r}, which is for one wavelength; give wavelength_nm, e.g. 550 (--wavelength-nm 550)."
         )
     centre_nm = require("wavelength_nm", wavelength_nm, 1.0, 1e5, "nanometres, e.g. 550")
-    return image[..., None] / ONE_NM, np.array([centre_nm]), np.array([ONE_NM])
+    return image[..., None] / BANDWIDTH_NM, np.array([centre_nm]), np.array([BANDWIDTH_NM])

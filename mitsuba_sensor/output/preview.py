@@ -1,6 +1,6 @@
-"""8-bit preview of a raw frame: black level subtracted, white level to 1, demosaiced, colours of the scene, sRGB curve.
+"""8-bit preview of a raw frame: black level subtracted, white level at 1, demosaiced, colours of the scene, sRGB curve.
 
-Nothing is stretched unless asked for: an exposure that is too dark looks too dark.
+The brightness is not stretched unless requested: an underexposed frame looks dark.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ from ..optics.spectra import srgb_curve
 from ..stages.stage import converter_of
 from .demosaic import bilinear, demosaic
 
-PIXELS_AT_ONCE = 2**17  # of a frame that is developed: some twenty float64 maps of them
+PIXELS_AT_ONCE = 2**17
+"""Pixels that are developed together, which takes twenty float64 maps."""
 BRIGHT_PERCENTILE, BRIGHT_LEVEL = 95.0, 0.5
-"""A picture is brightened until this percentile of its pixels would pass this share of white."""
+"""A picture is brightened until this percentile of its pixels would exceed this fraction of white."""
 HALO_ROWS = 16
-"""Rows beyond which no pixel matters: demosaicing looks at fewer than ten, edges refined."""
+"""Rows that affect a pixel: demosaicing uses fewer than ten."""
 
 
 def preview(
@@ -33,11 +34,11 @@ def preview(
     origin: tuple[int, int] = (0, 0),
     illuminant: Illuminant | None = None,
 ) -> NDArray[np.uint8]:
-    """One raw frame (H, W) in DN → (H, W) grey or (H, W, 3) colour, 8 bit.
+    """Return a raw frame (H, W) [DN] as 8-bit grey (H, W) or colour (H, W, 3).
 
-    origin : row and column of its first pixel on the sensor, from which its colour filters follow.
-    illuminant : of the scene; daylight where it is not known. A white surface under it is white.
-    White is the largest code, or 1/``gain`` of it for a picture that is pushed. Highlights that clip go to white.
+    origin : row and column of the first pixel on the sensor, which determine the colour filters.
+    illuminant : illuminant of the scene, under which a white surface is white. Default: daylight.
+    White is the full-scale code divided by ``gain``. Clipped highlights become white.
     """
     return developed(digital, camera, colour_matrix(camera, illuminant), gain, origin)
 
@@ -49,7 +50,7 @@ def developed(
     gain: float = 1.0,
     origin: tuple[int, int] = (0, 0),
 ) -> NDArray[np.uint8]:
-    """One raw frame developed with a matrix that is known, as by :func:`preview`; grey where there is none."""
+    """Return the picture of :func:`preview` with a given colour matrix; grey without one."""
     (height, width), parts = digital.shape, []
     step = max(PIXELS_AT_ONCE // width, 1)
     for first in range(0, height, step):
@@ -62,14 +63,13 @@ def developed(
 
 
 def brightening(digital: NDArray[np.generic], camera: Camera) -> int:
-    """By which power of two a raw frame (H, W) is to be brightened to look well exposed; 1: it is bright enough."""
+    """Return the power of two by which a raw frame (H, W) must be brightened to look well exposed, or 1."""
     converter = converter_of(camera.stages)
     swing_dn = converter.highest - converter.black_level_dn
     bright_code = float(np.percentile(np.asarray(digital, np.float64), BRIGHT_PERCENTILE))
     bright_dn = bright_code - converter.black_level_dn
-    most = max(swing_dn, 1.0)
     factor = BRIGHT_LEVEL * swing_dn / max(bright_dn, 1.0)
-    return int(2 ** max(math.floor(math.log2(min(max(factor, 1.0), most))), 0))
+    return int(2 ** math.floor(math.log2(min(max(factor, 1.0), max(swing_dn, 1.0)))))
 
 
 def _develop_strip(
@@ -79,7 +79,7 @@ def _develop_strip(
     gain: float,
     origin: tuple[int, int],
 ) -> NDArray[np.uint8]:
-    """Some rows of a frame, all pixels at once."""
+    """Develop some rows of a frame."""
     black_dn, white_dn = camera.black_level_dn, 2.0**camera.code_bits - 1.0
     range_dn = max(white_dn - black_dn, 1.0)
     linear = (np.asarray(digital, dtype=np.float64) - black_dn) / range_dn
@@ -90,7 +90,7 @@ def _develop_strip(
         order = colour_order(camera.filter_names)
         saturated = (balanced[..., order] >= clip).all(axis=-1)
         linear = balanced @ colours.to_srgb.T
-        linear[saturated] = clip  # saturation has no colour
+        linear[saturated] = clip  # saturated pixels are white
     return np.rint(255.0 * srgb_curve(np.clip(gain * linear, 0.0, 1.0))).astype(np.uint8)
 
 
@@ -101,10 +101,10 @@ def _balance_and_demosaic(
     colours: ColourMatrix,
     clip: float,
 ) -> Float64Array:
-    """(H, W, F) white-balanced colours of a mosaic (H, W), all clipped where the filter of the least factor clips.
+    """Return white-balanced colours (H, W, F) of a mosaic (H, W), clipped where the filter with the least factor clips.
 
-    The mosaic is balanced and clipped before colours are interpolated: a grey surface then has equal values in it, and
-    no filter is brighter than the others where it saturates.
+    The mosaic is balanced and clipped before interpolation, so a grey surface has equal values, and saturated filters
+    are equally bright.
     """
     mosaic = colours.white_balance[filters] * linear
     clipped = np.minimum(mosaic, clip)
@@ -115,18 +115,17 @@ def _balance_and_demosaic(
     order = colour_order(camera.filter_names)
     excesses = bilinear(excess, filters, len(camera.filter_names))[..., order]
     is_clipped = excesses.any(axis=-1)
-    colour = balanced[is_clipped][:, order]
     with_hue = balanced[is_clipped]
-    with_hue[:, order] = np.minimum(_keep_hue(colour, excesses[is_clipped]), clip)
+    with_hue[:, order] = np.minimum(_keep_hue(with_hue[:, order], excesses[is_clipped]), clip)
     balanced[is_clipped] = with_hue
     return balanced
 
 
 def _keep_hue(clipped: Float64Array, excesses: Float64Array) -> Float64Array:
-    """Colours (N, 3) with the mean and the chroma of the clipped ones, and the hue of the unclipped ones.
+    """Return colours (N, 3) with the mean and chroma of the clipped colours, and the hue of the unclipped colours.
 
-    Without it a bluish light whose blue is clipped would become cyan before it becomes white. The highlight
-    reconstruction "blend" of dcraw and LibRaw does the same.
+    Otherwise bluish light with clipped blue would become cyan before it becomes white. The highlight reconstruction
+    "blend" of dcraw and LibRaw does the same.
     """
     unclipped = clipped + excesses
     mean = clipped.mean(axis=-1, keepdims=True)

@@ -1,4 +1,4 @@
-"""What files say of combined read-outs: the pages of readouts.tiff, and what frame.json tells of each."""
+"""Combined readouts in files: the pages of readouts.tiff, and their facts in frame.json."""
 
 from __future__ import annotations
 
@@ -19,19 +19,17 @@ if TYPE_CHECKING:
 
 
 def write_readouts(path: Path, frames: Frames, pattern: Sequence[Sequence[str]] | None) -> None:
-    """A page for every read-out of every frame, one for their linear code and, where the
-    camera has a table of knees, one for the companded code, each with its name.
+    """Write named pages for every frame: each readout, the combined linear code and, if the camera has knees, the
+    companded code.
 
-    pattern : names of the colour filters as they lie in the file.
+    pattern : names of the colour filters from the first pixel of the file.
     """
     pages, companded = list[tuple[str, np.ndarray]](), frames.companded
     for number, code in enumerate(frames.digital):
         index = frames.first.index + number
         for name, readout in frames.readouts.items():
             pages.append((page_name(index, name), readout.digital[number]))
-        both = "combined"
-        if frames.camera.sensor.dual_pixel:
-            both = BOTH_HALVES
+        both = BOTH_HALVES if frames.camera.sensor.dual_pixel else "combined"
         pages.append((page_name(index, both), code))
         if companded is not None:
             pages.append((page_name(index, "companded"), companded[number]))
@@ -39,9 +37,9 @@ def write_readouts(path: Path, frames: Frames, pattern: Sequence[Sequence[str]] 
 
 
 def readout_facts(frames: Frames) -> list[dict[str, object]] | None:
-    """Of each read-out, for frame.json: exposure and when that begins after the first one of the frame, gain, levels,
-    where it hands over, and the share of the pixels of the first frame whose code is that of this read-out alone; None
-    of a camera with one read-out."""
+    """Return the facts of each readout for frame.json, None for a camera with one readout: exposure and its delay after
+    the first readout, gain, levels, codes at which the next readout takes over, and fraction of the pixels of the first
+    frame that use only this readout."""
     combined = combined_of(frames.stages)
     if frames.camera.sensor.dual_pixel:
         return [_photodiode_facts(name, one) for name, one in frames.readouts.items()]
@@ -49,12 +47,12 @@ def readout_facts(frames: Frames) -> list[dict[str, object]] | None:
         return None
     later = later_exposures(frames.camera, frames.first.exposure)
     begins_s = {name: begin_s for name, (_, begin_s) in later.items()}
-    left, found = np.ones(frames.digital.shape[1:]), list[dict[str, object]]()
+    remaining, facts = np.ones(frames.digital.shape[1:]), list[dict[str, object]]()
     for chain, linear in zip(combined.readouts, combined.combination.readouts, strict=True):
         one = frames.readouts[chain.name]
         converter, code = converter_of(one.stages), one.digital[0]
         is_last = chain is combined.readouts[-1]
-        found.append(
+        facts.append(
             {
                 "name": chain.name,
                 "exposure_s": one.first.exposure.time_s,
@@ -65,15 +63,15 @@ def readout_facts(frames: Frames) -> list[dict[str, object]] | None:
                 "electrons_per_dn": linear.electrons_per_dn,
                 "hand_over_from_dn": None if is_last else linear.begin_dn,
                 "hand_over_dn": None if is_last else linear.end_dn,
-                "share_of_pixels": float(np.mean(left * (code < linear.begin_dn))),
+                "share_of_pixels": float(np.mean(remaining * (code < linear.begin_dn))),
             }
         )
-        left = left * (code >= linear.end_dn)
-    return found
+        remaining = remaining * (code >= linear.end_dn)
+    return facts
 
 
 def _photodiode_facts(name: str, frames: Frames) -> dict[str, object]:
-    """Of one photodiode of dual pixels, which is read alone."""
+    """Return the facts of one photodiode of dual pixels, which is read separately."""
     converter = converter_of(frames.stages)
     return {
         "name": name,

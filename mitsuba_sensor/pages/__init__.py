@@ -1,5 +1,5 @@
-"""The page writer of studies and laboratory.
+"""The page writer of the studies and the laboratory.
 
-page : findings, tables and pictures as plain values.  drawing : pictures as SVG and PNG.  html_page : the whole page as
-one file, from page.html.j2.
+page : findings, tables and pictures as plain values.  drawing : pictures as SVG and PNG.
+html_page : the page as one file, from page.html.j2.
 """

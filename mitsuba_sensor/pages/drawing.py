@@ -1,4 +1,4 @@
-"""Pictures of a study, drawn with Matplotlib: as SVG for the page, as PNG for a file."""
+"""Pictures of a study, drawn with Matplotlib: SVG for the page, PNG for a file."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ COLOURS = (
     "#7F3C8D",
     "#4D4D4D",
 )
-"""Colours that colour-blind readers tell apart (Okabe & Ito 2008, and two more)."""
+"""Colours that colour-blind readers can distinguish (Okabe & Ito 2008, and two more)."""
 FILTERS = {"R": "#C0392B", "G": "#1E8449", "G (2)": "#7CB342", "B": "#1F5FBF"}
-"""Colours of the series that are named by a colour filter."""
-LEVELS = ":", "-.", "--"
-"""Styles of lines across a plot."""
+"""Colours of series named after a colour filter."""
+LEVEL_STYLES = ":", "-.", "--"
+"""Line styles of the levels of a plot."""
 MARKERS = "osD^vPX*>"
-"""One more than colours, so series differ in both."""
+"""One more than the colours, so series differ in both."""
 WIDTH_IN, HEIGHT_IN, ROW_IN, DPI = 6.4, 3.8, 0.26, 160
-LONG_LABEL = 22
-"""Letters of a label from which on a legend has two columns."""
-LOG_FROM = 4.0
-"""A range below this ratio is shown on a linear axis."""
+LABEL_LETTERS_MAX = 22
+"""A legend with a longer label has two columns."""
+LOG_RATIO_MIN = 4.0
+"""Values that span a smaller ratio are drawn on a linear axis."""
 DECADES_MAX = 2.6
-"""A wider logarithmic range has ticks at powers of ten only."""
+"""A wider logarithmic axis has ticks at powers of ten only."""
 TICKS_MAX = 8
-SETTINGS: dict[str, Any] = {  # equal studies give equal files
+SETTINGS: dict[str, Any] = {
     "font.size": 9.5,
     "axes.axisbelow": True,
     "axes.spines.top": False,
@@ -46,7 +46,7 @@ SETTINGS: dict[str, Any] = {  # equal studies give equal files
     "grid.color": "#E4E4E4",
     "errorbar.capsize": 2,
     "legend.frameon": False,
-    "svg.hashsalt": "mitsuba_sensor",
+    "svg.hashsalt": "mitsuba_sensor",  # equal studies give equal files
 }
 
 
@@ -73,7 +73,7 @@ def _drawn(picture: Picture, **options: Any) -> bytes:
         handles, labels = axes.get_legend_handles_labels()
         unique = dict(zip(labels, handles, strict=True))
         if unique:
-            columns = 2 if max(map(len, unique)) > LONG_LABEL else min(4, len(unique))
+            columns = 2 if max(map(len, unique)) > LABEL_LETTERS_MAX else min(4, len(unique))
             place = 0.5, -0.55 / figure.get_figheight()
             axes.legend(
                 list(unique.values()),
@@ -101,7 +101,7 @@ def _draw(picture: Picture, axes: Axes) -> float:
 
 
 def colour_of(label: str, number: int) -> str:
-    """The colour of a series: that of the filter it is named by, or the next one."""
+    """Return the colour of a series: of the filter that it is named after, or the next colour."""
     return FILTERS.get(label, COLOURS[number % len(COLOURS)])
 
 
@@ -117,7 +117,7 @@ def draw_plot(plot: Plot, axes: Axes) -> None:
             color=colour_of(one.label, number),
             **_style(one, number),
         )
-    for (name, value), style in zip(plot.levels.items(), LEVELS, strict=False):
+    for (name, value), style in zip(plot.levels.items(), LEVEL_STYLES, strict=False):
         draw = axes.axvline if name.startswith("|") else axes.axhline
         draw(value, color="black", linewidth=1, linestyle=style, label=name.lstrip("|"))
     axes.set(xlabel=_without_one(plot.x_label), ylabel=_without_one(plot.y_label))
@@ -134,7 +134,7 @@ def draw_plot(plot: Plot, axes: Axes) -> None:
 
 
 def _without_one(label: str) -> str:
-    """The label of a ratio without its unit, which readers do not need."""
+    """Return an axis label without the unit [1] of a ratio."""
     return label.removesuffix(" [1]")
 
 
@@ -178,7 +178,7 @@ def set_log_axis(axes: Axes, name: str, values: Iterable[float]) -> None:
     from matplotlib.ticker import NullLocator
 
     positive = [value for value in values if value > 0 and math.isfinite(value)]
-    if not positive or max(positive) < LOG_FROM * min(positive):
+    if not positive or max(positive) < LOG_RATIO_MIN * min(positive):
         return
     axis = axes.xaxis if name == "x" else axes.yaxis
     axes.set(**{f"{name}scale": "log"})
@@ -190,7 +190,7 @@ def set_log_axis(axes: Axes, name: str, values: Iterable[float]) -> None:
 
 
 def log_ticks(low: float, high: float) -> tuple[tuple[float, float], list[float]]:
-    """Ends and ticks of an axis that holds two numbers: 1, 2, 5, or powers of ten for a wide range."""
+    """Return the ends and ticks of an axis that holds two numbers: 1-2-5, or powers of ten for a wide range."""
     first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
     steps = (1, 2, 5) if math.log10(high / low) < DECADES_MAX else (1,)
     every = [float(f"{step}e{decade}") for decade in range(first, last + 1) for step in steps]

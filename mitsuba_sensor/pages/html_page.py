@@ -1,4 +1,4 @@
-"""The page of a study: one HTML file that needs nothing else, for the screen, a phone and paper."""
+"""The page of a study: one self-contained HTML file for a screen, a phone and paper."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ ORIGIN = [
     "seconds",
     "date",
 ]
-"""What the foot of the page shows, if the data of the study has it."""
+"""Data of the study that the footer shows."""
 FIGURE_SPACE, POINT_SPACE = "\u2007", "\u2008"
-"""As wide as a digit and as a decimal point."""
+"""Spaces as wide as a digit and as a decimal point."""
 
 
 def html(study: Study) -> str:
-    """Return the whole page."""
+    """Return the page as HTML."""
     pictures = {
         id(part): base64.b64encode(svg(part)).decode()
         for part in study.parts
@@ -44,10 +44,10 @@ def html(study: Study) -> str:
 
 
 def shown(part: Table) -> tuple[list[str], list[bool], list[tuple[str, list[str]]]]:
-    """Headings, whether each column is of numbers, and rows of texts with their marks.
+    """Return the headings, True for each numeric column, and the rows as texts with their marks.
 
-    Marked rows have their verdict in the second column; columns without any value are left out;
-    decimal points lie below each other.
+    Marked rows have their verdict in the second column. Columns without any value are omitted. The decimal points of
+    a numeric column are aligned.
     """
     columns = list(zip(part.columns, zip(*part.rows, strict=True), strict=True))
     columns = [
@@ -67,7 +67,7 @@ def shown(part: Table) -> tuple[list[str], list[bool], list[tuple[str, list[str]
 
 
 def aligned(numbers: list[str]) -> list[str]:
-    """Numbers whose decimal points lie below each other in a column that ends at the right."""
+    """Pad numbers so their decimal points align in a right-aligned column."""
     ends = [len(number.partition(".")[2]) for number in numbers]
     most = max(ends, default=0)
     padded = []
@@ -78,10 +78,10 @@ def aligned(numbers: list[str]) -> list[str]:
 
 
 def is_number(value: object) -> bool:
-    """Return True for a number, or the text of one."""
+    """Return True for a number or its text, which may begin with < or >."""
     if isinstance(value, str):
         try:
-            float(value)
+            float(value.lstrip("<> "))
         except ValueError:
             return False
         return True
@@ -89,7 +89,7 @@ def is_number(value: object) -> bool:
 
 
 def text(value: object) -> str:
-    """A value for people: numbers with four digits (298.15 with all), lists joined, a dash for None."""
+    """Return a value as text: numbers with four digits (298.15 with all), lists joined, a dash for None."""
     match value:
         case None:
             return "–"

@@ -1,4 +1,4 @@
-"""What a page says, as plain values: findings, tables and pictures."""
+"""The contents of a page as plain values: findings, tables and pictures."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Mark = Literal["", "good", "bad", "best", "dim"]
-"""As it must be, not as it must be, the recommended one, without effect."""
+"""Passed, failed, recommended, without effect, or not checked."""
 VERDICTS: dict[Mark, str] = {
     "good": "✓ holds",
     "bad": "✗ fails",
@@ -18,32 +18,44 @@ VERDICTS: dict[Mark, str] = {
     "dim": "– no effect",
     "": "",
 }
-"""What a marked row says in words."""
+"""The verdict column of a marked row."""
 MarkedRow = tuple[Mark, Sequence[object]]
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows below headings with the unit in them, [1] for a ratio. None means "not measured"."""
+    """Rows below headings that include the unit, [1] for a ratio. None means "not measured".
+
+    marks : one for each row, or none.  terminal : headings of the columns on a terminal; None for all.
+    """
 
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[object, ...], ...]
-    marks: tuple[Mark, ...] = ()  # one for each row, or none
+    marks: tuple[Mark, ...] = ()
     note: str = ""
+    terminal: tuple[str, ...] | None = None
 
 
-def table(title: str, headings: str, rows: Iterable[MarkedRow], note: str = "") -> Table:
-    """A table of rows with their marks.  headings : separated by `` | ``."""
+def table(
+    title: str,
+    headings: str,
+    rows: Iterable[MarkedRow],
+    note: str = "",
+    terminal: str | None = None,
+) -> Table:
+    """Return a table of rows with their marks.  headings, terminal : separated by `` | ``."""
     marked = list(rows)
     marks = tuple(mark for mark, _ in marked)
     cells = tuple(tuple(row) for _, row in marked)
-    return Table(title, tuple(headings.split(" | ")), cells, marks if any(marks) else (), note)
+    shown = None if terminal is None else tuple(filter(None, terminal.split(" | ")))
+    columns = tuple(headings.split(" | "))
+    return Table(title, columns, cells, marks if any(marks) else (), note, shown)
 
 
 @dataclass(frozen=True)
 class Line:
-    """Points of one series, with vertical and horizontal half widths of their bars, or none."""
+    """Points of one series.  error, x_error : half widths of their vertical and horizontal bars, or none."""
 
     label: str
     x: tuple[float, ...]
@@ -53,11 +65,11 @@ class Line:
     joined: bool = True
     marked: bool = True
     dashed: bool = False
-    star: bool = False  # a large star instead of the marker
+    star: bool = False  # draw a large star instead of a marker
 
 
 def line(label: str, points: Sequence[tuple[float, ...]], **style: Any) -> Line:
-    """A line through points (x, y), (x, y, error) or (x, y, error, x_error)."""
+    """Return a line through points (x, y), (x, y, error) or (x, y, error, x_error)."""
     x, y, *rest = (tuple(values) for values in zip(*points, strict=True))
     error, x_error = (*rest, (), ())[:2]
     return Line(label, x, y, error, x_error, **style)
@@ -65,9 +77,9 @@ def line(label: str, points: Sequence[tuple[float, ...]], **style: Any) -> Line:
 
 @dataclass(frozen=True)
 class Plot:
-    """Lines over two axes.
+    """Lines on two axes.
 
-    levels : name → y of a horizontal line, or x of a vertical one where the name begins with ``|``.
+    levels : name → y of a horizontal line, or x of a vertical line if the name begins with ``|``.
     """
 
     title: str
@@ -82,7 +94,7 @@ class Plot:
 
 @dataclass(frozen=True)
 class Dots:
-    """A dot with its interval for each label and series, beside a vertical line.
+    """A dot with its interval for each label and series, and a vertical line.
 
     series : name → (value, low, high) for each label, or None.  level : x of the line, and its name.
     """
@@ -111,10 +123,10 @@ Part = Table | Picture
 
 @dataclass(frozen=True)
 class Section:
-    """What one part of a study found.
+    """The findings of one part of a study.
 
-    findings : sentences that answer the question, the most important first.  passed : whether all checks hold.
-    failed, missing : names of what does not hold, and of what was not measured.
+    findings : sentences that answer the question, the most important first.  passed : True if all checks hold.
+    failed, missing : names of the failed checks and of what was not measured.
     """
 
     findings: tuple[str, ...]
@@ -126,9 +138,9 @@ class Section:
 
 @dataclass(frozen=True)
 class Study(Section):
-    """The outcome of a study.  data : what it was made with, and what was measured, ready for JSON.
+    """The outcome of a study.  data : its inputs and measured values, ready for JSON.
 
-    checked : whether anything was checked; a comparison has no verdict.
+    checked : False for a comparison, which has no verdict.
     """
 
     name: str
@@ -138,7 +150,7 @@ class Study(Section):
 
     @property
     def verdict(self) -> str:
-        """That all checks passed, or which failed, and what was not measured."""
+        """Whether all checks passed, which failed, and what was not measured."""
         verdicts = []
         if not self.passed:
             verdicts.append("some checks failed")
@@ -150,17 +162,16 @@ class Study(Section):
 
     @property
     def headline(self) -> str:
-        """The verdict with its sign."""
+        """The verdict with a ✓ or ✗ in front."""
         sign = "✗ " if not self.passed else "✓ " if self.verdict and not self.missing else ""
         return sign + self.verdict
 
     def to_dict(self) -> dict[str, Any]:
-        """The values of study.json; numbers of drawings are in the data."""
-        parts = [
-            {"kind": type(part).__name__.lower(), **asdict(part)}
-            for part in self.parts
-            if not isinstance(part, Drawing)
-        ]
+        """Return the contents of study.json; the numbers of drawings are in ``data``."""
+        drawn = (part for part in self.parts if not isinstance(part, Drawing))
+        parts = [{"kind": type(part).__name__.lower(), **asdict(part)} for part in drawn]
+        for part in parts:
+            part.pop("terminal", None)
         about = {
             "study": self.name,
             "title": self.title,
@@ -172,7 +183,7 @@ class Study(Section):
 
 
 def study_of(name: str, title: str, sections: Sequence[Section], **data: object) -> Study:
-    """Sections as one study."""
+    """Return one study made of several sections."""
     return Study(
         tuple(finding for section in sections for finding in section.findings),
         all(section.passed for section in sections),

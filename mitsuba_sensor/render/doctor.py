@@ -1,4 +1,4 @@
-"""What works on this machine: every variant renders a small scene in its own process, so that a crash is survived."""
+"""Check of this machine: each variant renders a small scene in a separate process, which may crash."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ Finding: TypeAlias = dict[str, Any]  # ready for JSON
 
 
 def examine(tell: Callable[[int, int, str], object] = lambda done, total, now: None) -> Finding:
-    """Variants, whether plain Mitsuba renders once this package is imported, LLVM libraries, versions, the variant
-    that would be chosen, remedies (commands).
+    """Return the variants, the default variant, LLVM libraries, versions and remedies (commands), and if plain Mitsuba
+    renders after this package is imported.
 
-    tell : called with the renders that are done, all of them, and the one that begins.
+    tell : called with the number of finished renders, the number of all renders, and the next render.
     """
     tell(0, len(VARIANTS), "rendering a small scene")
     chosen = _try(None)
@@ -62,7 +62,7 @@ def examine(tell: Callable[[int, int, str], object] = lambda done, total, now: N
 
 
 def _try(variant: str | None) -> Finding:
-    """Render the small scene as a user would, through the command line, in a child process."""
+    """Render the small scene in a child process, by the command line as a user would."""
     failed: Finding = {"name": variant, "works": False, "reason": "", "seconds": None}
     small = resources.as_file(resources.files("mitsuba_sensor.render") / "doctor.xml")
     with (
@@ -83,10 +83,10 @@ def _try(variant: str | None) -> Finding:
             "--json",
         ]
         command += ["--variant", variant] if variant else []
-        code, said, complaint = _run(command)
+        code, output, complaint = _run(command)
     if code:
         return {**failed, "reason": _why(code, complaint)}
-    report = json.loads(said)
+    report = json.loads(output)
     name, seconds = report["render"]["variant"], report["times_s"]["render"]
     return {
         "name": name,
@@ -97,7 +97,7 @@ def _try(variant: str | None) -> Finding:
 
 
 def _run(command: list[str]) -> tuple[int, str, str]:
-    """Exit code, stdout and stderr of a child process, which ends with this one. It chooses LLVM afresh."""
+    """Return exit code, stdout and stderr of a child process, which ends with this one and chooses LLVM again."""
     pipe = subprocess.PIPE
     environment = {name: value for name, value in os.environ.items() if name != LLVM_PATH}
     if GIVEN_PATH is not None:
@@ -109,25 +109,25 @@ def _run(command: list[str]) -> tuple[int, str, str]:
         undone_if_stopped(child.kill),
     ):
         try:
-            said, complaint = child.communicate(timeout=LIMIT_S)
+            output, complaint = child.communicate(timeout=LIMIT_S)
         except subprocess.TimeoutExpired:
             return 1, "", f"no end after {LIMIT_S} s"
         finally:
-            child.kill()  # one that has ended already is left alone
-    return child.returncode, said, complaint
+            child.kill()  # no effect if it has ended
+    return child.returncode, output, complaint
 
 
 def _why(code: int, complaint: str) -> str:
-    """The last line of the child's stderr, or the signal that ended it."""
+    """Return the last line of the child's stderr, or the signal that ended it."""
     if code < 0:
         return f"the process was ended by {signal.Signals(-code).name}"
     lines = [line for line in complaint.splitlines() if line.strip()]
     last = lines[-1].removeprefix("error: ").split("; ")[0] if lines else f"exit code {code}"
-    return last.rpartition(", but there is ")[2]  # the option is this module's own
+    return last.rpartition(", but there is ")[2]  # without the option, which this module set
 
 
 def _remedies(findings: Finding, reason: str) -> list[str]:
-    """Commands that mend what is wrong, most urgent first."""
+    """Return commands that fix problems, most urgent first."""
     remedies = []
     missing = [
         name
@@ -140,7 +140,7 @@ def _remedies(findings: Finding, reason: str) -> list[str]:
         remedies.append(
             f"{sys.executable} -m pip install --force-reinstall '{RENDERER}'   # {reason}"
         )
-        working = [one["name"] for one in findings["variants"] if one["works"]]
+        working = [row["name"] for row in findings["variants"] if row["works"]]
         remedies += [
             f"mitsuba-sensor render SCENE -o DIR --variant {name}   # until then; in Python: variant={name!r}"
             for name in working[:1]

@@ -1,4 +1,4 @@
-"""The options of a render: samples and stop criterion, bands, size, motion, denoiser, scene parameters, variant."""
+"""Options of a render: samples and stop criterion, bands, size, motion, denoiser, scene parameters, variant."""
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 import os
@@ -46,21 +46,21 @@ def _checked_look_at(name: str, value: object) -> object:
 
 
 def _checked_sensor(name: str, value: object) -> str:
-    """The id or number of a sensor, as text. Raises InputError."""
+    """Return the id or number of a sensor as text. Raises InputError."""
     if isinstance(value, str) or (isinstance(value, int) and not isinstance(value, bool)):
         return str(value)
     raise InputError(
-        f"{name} is {value!r}; give the id of a sensor, its number from 0, or 'all'."
+        f"{name} is {value!r}; it must be the id of a sensor, its number from 0, or 'all'."
     )
 
 
 class FileOptions(TypedDict, total=False):
-    """How a scene file is parsed: parameters, Mitsuba variant, what is replaced in it."""
+    """Options for parsing a scene file: parameters, Mitsuba variant, replacements."""
 
     parameters: Annotated[
         Mapping[str, Any] | None,
         Option(
-            "Values for the <default> names of the scene file.",
+            "Set values for the <default> names of the scene file.",
             flag="-D",
             metavar="NAME=VALUE",
             text=list[str],
@@ -69,8 +69,8 @@ class FileOptions(TypedDict, total=False):
     traverse: Annotated[
         Mapping[str, float | Sequence[float]] | None,
         Option(
-            "Values for parameters of the scene by their names in mi.traverse, e.g. lamp.emitter.radiance.value; "
-            "several numbers apart by commas. Repeatable.",
+            "Set scene parameters by their names in mi.traverse, e.g. lamp.emitter.radiance.value; several numbers are "
+            "comma-separated. Repeatable.",
             flag="--traverse",
             metavar="NAME=VALUE",
             text=list[str],
@@ -80,8 +80,8 @@ class FileOptions(TypedDict, total=False):
     sensor: Annotated[
         str | int | None,
         Option(
-            "The sensor of the scene file that takes the picture: its id, or its number from 0; all: a frame of each, "
-            "of the same instant, in a folder of its own. Default: the first one.",
+            "Use this sensor of the scene file: its id, or its number from 0. all: one frame from each sensor, "
+            "simultaneous, in separate folders. Default: the first sensor.",
             metavar="NAME|all",
             check=_checked_sensor,
             text=str,
@@ -90,8 +90,8 @@ class FileOptions(TypedDict, total=False):
     variant: Annotated[
         str | None,
         Option(
-            "Spectral Mitsuba variant, which `doctor` lists. Default: the one that is set, else the fastest that "
-            "works.",
+            "Render in this spectral Mitsuba variant; `doctor` lists them. Default: the current variant, else the "
+            "fastest that works.",
             metavar="NAME",
             example="scalar_spectral",
         ),
@@ -99,24 +99,24 @@ class FileOptions(TypedDict, total=False):
     integrator: Annotated[
         Literal["path", "volpath", "volpathmis", "direct"] | None,
         Option(
-            "Render with this integrator of Mitsuba in place of the scene's own, with its depth: path, volpath (where "
-            "light passes through media), volpathmis or direct. Default: the scene's.",
+            "Replace the scene's integrator by path, volpath (for media), volpathmis or direct; its depth stays. "
+            "Default: the scene's integrator.",
             metavar="NAME",
         ),
     ]
     ignore_polarization: Annotated[
         bool,
         Option(
-            "Render polarizers, retarders and measured_polarized as they act on unpolarised light.",
+            "Render polarizers, retarders and measured_polarized as if all light were unpolarised.",
             False,
         ),
     ]
     infrared: Annotated[
         str | Sequence[str] | Mapping[str, str] | None,
         Option(
-            "What RGB colours and pictures reflect beyond 700 nm, where the camera sees it: hold, their value at 700 "
-            "nm; refuse to render them; or IDS=MATERIAL, repeatable, a measured reflectance for materials or shapes of "
-            "these ids, e.g. 'leaf_*=vegetation', see docs/scene.md. Default: hold.",
+            "Reflectance of RGB colours and textures above 700 nm, if the camera sees it: hold keeps the value at 700 "
+            "nm, refuse rejects the scene, IDS=MATERIAL (repeatable) uses a measured reflectance for materials or "
+            "shapes with these ids, e.g. 'leaf_*=vegetation', see docs/scene.md. Default: hold.",
             flag="--infrared",
             metavar="IDS=MATERIAL",
             text=list[str],
@@ -126,12 +126,12 @@ class FileOptions(TypedDict, total=False):
 
 
 class SceneOptions(FileOptions, total=False):
-    """How a scene is loaded: unit of length, size of the picture, motion, and how its file is parsed."""
+    """Options for loading a scene: unit of length, size of the image, motion, and parsing of its file."""
 
     scene_unit: Annotated[
         str | float | None,
         Option(
-            "What a length of 1 in the scene is: m, mm, … or metres. Default: the scene file's, else m.",
+            "Unit of length of the scene: m, mm, … or a number of metres. Default: the scene file's, else m.",
             metavar="m|mm|…|METRES",
             text=str,
         ),
@@ -139,16 +139,16 @@ class SceneOptions(FileOptions, total=False):
     width: Annotated[
         int | None,
         Option(
-            "Render the same view with this many columns of pixels, and rows in proportion; behind a lens "
-            "prescription, whose pixels keep their size, a window of it.",
+            "Render the same view with this many columns of pixels, and rows in proportion. With a lens prescription, "
+            "pixels keep their size, and this is the width of a window.",
             metavar="PIXELS",
         ),
     ]
     look_at: Annotated[
         str | Mapping[str, Sequence[float]] | None,
         Option(
-            "Pose of the camera in place of the scene's: where it is and what it looks at [m], and what is up, by "
-            "default 0,1,0; in Python also a dict with origin_m, target_m and up.",
+            "Replace the camera pose by origin and target [m] and the up direction (default 0,1,0); in Python also a "
+            "dict with origin_m, target_m and up.",
             metavar="'X,Y,Z X,Y,Z'",
             check=_checked_look_at,
             text=str,
@@ -157,8 +157,8 @@ class SceneOptions(FileOptions, total=False):
     motion: Annotated[
         "str | os.PathLike[str] | Mapping[str, Any] | Motion | None",
         Option(
-            "What moves while the shutter is open: a file, see docs/light-and-time.md, or rolling_fan for the scene of "
-            "that name.",
+            "Move parts of the scene while the shutter is open: a motion file, see docs/light-and-time.md, or "
+            "rolling_fan for the scene of that name.",
             metavar="FILE.toml",
             text=str,
         ),
@@ -166,20 +166,20 @@ class SceneOptions(FileOptions, total=False):
 
 
 class RawLightOptions(TypedDict, total=False):
-    """Which light a file has, or is read from it."""
+    """Option for undenoised light in a file."""
 
     raw_light: Annotated[
         bool,
         Option(
-            "The light as it was before denoising, with its standard errors: a render keeps it beside the denoised "
-            "one, also in irradiance.exr; an exposure takes it from there.",
+            "Undenoised light with its standard errors: a render also stores it in irradiance.exr, and an exposure "
+            "uses it.",
             False,
         ),
     ]
 
 
 class UnitOptions(TypedDict, total=False):
-    """What the values of an EXR of another program are."""
+    """Options for an EXR of another program."""
 
     unit: Annotated[
         Literal[
@@ -191,8 +191,8 @@ class UnitOptions(TypedDict, total=False):
         ]
         | None,
         Option(
-            "What an EXR of another program holds: irradiance on the sensor, w_per_m2_nm in channels S0.* or w_per_m2 "
-            "in one channel with --wavelength-nm; or radiance in front of the lens, radiance_w_per_m2_sr_nm, "
+            "Content of an EXR of another program. Irradiance on the sensor: w_per_m2_nm in channels S0.*, or w_per_m2 "
+            "in one channel with --wavelength-nm. Radiance before the lens: radiance_w_per_m2_sr_nm, "
             "radiance_w_per_m2_sr, or radiance_rgb in R, G, B, which become spectra.",
             metavar="UNIT",
             panel="Light of another program",
@@ -201,7 +201,7 @@ class UnitOptions(TypedDict, total=False):
     wavelength_nm: Annotated[
         float | None,
         Option(
-            "Wavelength of an EXR of one channel, in nm.",
+            "Wavelength of an EXR with one channel [nm].",
             panel="Light of another program",
             low=SHORTEST_NM,
             high=LONGEST_NM,
@@ -211,7 +211,7 @@ class UnitOptions(TypedDict, total=False):
     fov_deg: Annotated[
         float | None,
         Option(
-            "Horizontal field of view of such radiance, for the cos⁴ law of the lens. Default: no cos⁴.",
+            "Horizontal field of view of the radiance [degrees], for the cos⁴ law of the lens. Default: no cos⁴.",
             panel="Light of another program",
             metavar="DEGREES",
             low=0,
@@ -222,8 +222,8 @@ class UnitOptions(TypedDict, total=False):
     layer: Annotated[
         str | None,
         Option(
-            "Layer or part of an EXR of several, e.g. ViewLayer.Combined; for one channel, its name. Default: the "
-            "one outside of layers, or the only one that holds such light.",
+            "Read this layer or part of an EXR, e.g. ViewLayer.Combined, or this channel. Default: the channels "
+            "outside layers, or the only layer with such light.",
             panel="Light of another program",
             metavar="NAME",
         ),
@@ -231,13 +231,14 @@ class UnitOptions(TypedDict, total=False):
 
 
 class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
-    """How a scene is rendered, beside scene, camera, exposure and seed."""
+    """Options of a render besides scene, camera, exposure and seed."""
 
     spp: Annotated[
         int | None,
         Option(
-            "Samples (light paths) per pixel over all passes; 4 × as many halve the render noise. Default: until 95 % "
-            "of the lit pixels have less render noise than sensor noise, at most 64, or 256 without denoising.",
+            "Samples (light paths) per pixel over all passes, within an eighth; four times as many halve the render "
+            "noise. Default: 72; without denoising up to 252, until 95 % of the lit pixels have less render noise than "
+            "sensor noise.",
             low=1,
             high=MOST_IN_ALL,
             example="256",
@@ -246,8 +247,8 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     noise_ratio: Annotated[
         float | None,
         Option(
-            "Instead of --spp: render until the median over the pixels of render variance over sensor variance is "
-            "below this; 0.01 makes a frame 0.5 % too noisy.",
+            "Render until the render variance over the sensor variance is below this in the median pixel, instead of "
+            "--spp; 0.01 makes a frame 0.5 % too noisy.",
             low=1e-9,
             high=1e9,
             example="0.01",
@@ -255,14 +256,12 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     ]
     max_seconds: Annotated[
         float | None,
-        Option(
-            "Render no longer than this, in seconds.", low=0.0, metavar="SECONDS", example="60"
-        ),
+        Option("Stop rendering after this time [s].", low=0.0, metavar="SECONDS", example="60"),
     ]
     max_spp: Annotated[
         int | None,
         Option(
-            "With --noise-ratio: take no more samples per pixel than this.",
+            "Limit the samples per pixel of a render with --noise-ratio.",
             low=2,
             high=MOST_IN_ALL,
             example="4096",
@@ -271,15 +270,15 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     repeatable: Annotated[
         bool,
         Option(
-            "The same bits with any number of threads, on processors of the same kind: passes of at most "
-            f"{MOST_REPEATABLE} samples.",
+            "Render the same bits with any number of threads, on processors of the same kind, in passes of at most "
+            f"{MOST_REPEATABLE} samples, whose dimensions are correlated.",
             False,
         ),
     ]
     wavelength_nm: Annotated[
         float | None,
         Option(
-            "Render one band only, about this wavelength in nm. Default: all that the camera detects.",
+            "Render only one band around this wavelength [nm]. Default: all bands that the camera detects.",
             low=SHORTEST_NM,
             high=LONGEST_NM,
             example="550",
@@ -288,7 +287,7 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     bandwidth_nm: Annotated[
         float | None,
         Option(
-            "Width of a spectral band in nm. Default: the scene file's, else 10.",
+            "Width of a spectral band [nm]. Default: the scene file's, else 10.",
             low=NARROWEST_NM,
             high=LONGEST_NM - SHORTEST_NM,
             example="10",
@@ -297,16 +296,16 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     spectral: Annotated[
         Literal["auto", "cube", "channels"] | None,
         Option(
-            "auto: bands with the least noise in this camera's frame; cube: the same bands with the least noise in "
-            "each of them, for other cameras; channels: only what this camera's filters detect."
+            "Spectral sampling. auto: bands with the least noise in this camera's frame. cube: the same bands with the "
+            "least noise in each band, for other cameras. channels: one channel for each of this camera's filters."
         ),
     ]
     light_groups: Annotated[
         str | Sequence[str] | Mapping[str, str | Sequence[str]] | None,
         Option(
-            "Keep the light of groups of emitters apart, so that `expose --light` can change each of them later: auto, "
-            "each emitter with an id by itself; or NAME=PATTERN,… of emitter ids, repeatable, e.g. 'lamps=lamp_*'. "
-            "Each group is rendered by itself; they share the samples.",
+            "Render groups of emitters separately, so that `expose --light` can change them later. auto: one group for "
+            "each emitter with an id. NAME=PATTERN,… (repeatable): emitter ids, e.g. 'lamps=lamp_*'. The groups share "
+            "the samples.",
             flag="--light-groups",
             metavar="auto|NAME=IDS",
             panel="Light groups",
@@ -317,7 +316,7 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     subframes: Annotated[
         int | None,
         Option(
-            "Instants of one exposure at which moving things are rendered. Default: one per half pixel of motion.",
+            "Render moving objects at this many instants of an exposure. Default: one per half pixel of motion.",
             low=1,
             high=MOST_SPP,
             example="16",
@@ -326,8 +325,8 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     luminance: Annotated[
         float | None,
         Option(
-            "Median luminance of the picture [cd/m²]: one factor scales all emitters, and a short render "
-            "finds it. A scene in full sunlight has 5000, an office 100. Default: the emitters as the scene has them.",
+            "Scale all emitters by one factor to this median luminance of the image [cd/m²]; a short render finds the "
+            "factor. A scene in full sunlight has 5000, an office 100. Default: emitters as in the scene.",
             low=1e-6,
             high=1e9,
             metavar="CD_M2",
@@ -338,9 +337,8 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     denoise: Annotated[
         bool | None,
         Option(
-            "Denoise what each colour filter detects, as far as two halves of the samples prove that better than the "
-            "render itself. Default: if the render ends above the sensor's noise, unless each frame has a render of "
-            "its own.",
+            "Denoise the light of each colour filter, to the degree that two halves of the samples confirm. Default: "
+            "on if the render ends above the sensor's noise, unless each frame has its own render.",
             flag="--denoise/--no-denoise",
         ),
     ]

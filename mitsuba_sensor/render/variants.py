@@ -1,4 +1,4 @@
-"""Chooses the Mitsuba variant that renders; every ``import mitsuba`` of the package goes through :func:`mitsuba`."""
+"""Choice of the Mitsuba variant; every ``import mitsuba`` of the package goes through :func:`mitsuba`."""
 
 from __future__ import annotations
 
@@ -12,24 +12,26 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
-from ..core import InputError, nearest
+import numpy as np
+
+from ..core import Array, Float64Array, InputError, nearest
 from ..core.llvm import backend_problem, drjit, llvm_remedy, llvm_version
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 Item = TypeVar("Item")
 MitsubaObject: TypeAlias = (
-    Any  # a scene, sensor, film, ray, transform, properties …: its class depends on the variant
+    Any  # scene, sensor, film, ray, transform, properties …: its class depends on the variant
 )
 
-POLARIZED = "_polarized"  # end of the names of variants that follow the polarisation of light
+POLARIZED = "_polarized"  # suffix of variants that trace the polarisation of light
 VARIANTS = ("cuda_ad_spectral", "llvm_ad_spectral", "scalar_spectral")  # the fastest first
 FASTER = "up to about three times faster with LLVM, depending on the processor: "
 
 
 @dataclass(frozen=True)
 class Variant:
-    """The chosen Mitsuba variant. hint : one line that says what would make it faster, or an empty string."""
+    """Chosen Mitsuba variant.  hint : how to make it faster, or an empty string."""
 
     name: str
     backend: str
@@ -47,20 +49,19 @@ def mitsuba() -> ModuleType:
 
 @cache
 def _look_at_home_first(mi: ModuleType) -> None:
-    """Let Mitsuba find its plugins in its own folder, before the working folder, from which it would run them too."""
+    """Make Mitsuba look for plugins in its own folder first; otherwise it would run plugins from the working folder."""
     own_folder_first(mi.file_resolver())
 
 
 def own_folder_first(resolver: MitsubaObject) -> None:
-    """Let a file resolver look into the folder of Mitsuba before all others."""
+    """Make a file resolver look into Mitsuba's folder first."""
     resolver.prepend(str(Path(str(importlib.import_module("mitsuba").__file__)).parent))
 
 
 def choose_variant(requested: str | None = None) -> Variant:
-    """Choose a spectral variant: the requested one, else the one already set if it is spectral, else cuda, guarded
-    llvm, scalar.
+    """Return a spectral variant: the requested one, else the current one if it is spectral, else cuda, llvm or scalar.
 
-    Sets none. Raises InputError for a variant that is unknown, not spectral, or without its back end on this machine.
+    Sets no variant. Raises InputError if a variant is unknown or not spectral, or its backend does not work here.
     """
     current = mitsuba().variant()
     if requested is not None:
@@ -71,7 +72,7 @@ def choose_variant(requested: str | None = None) -> Variant:
 
 
 def fastest_variant(*backends: str) -> Variant:
-    """The first of these back ends that works on this machine, else scalar, whatever is set. Sets none."""
+    """Return the variant of the first backend that works here, else the scalar one; sets no variant."""
     reasons = {"cuda": "a CUDA device is present", "llvm": f"LLVM {llvm_version()} is usable"}
     for backend in backends:
         both = f"{backend}_spectral", f"{backend}_ad_spectral"
@@ -82,7 +83,7 @@ def fastest_variant(*backends: str) -> Variant:
 
 
 def use(variant: Variant) -> ModuleType:
-    """Make ``variant`` the current one if it is not, and return Mitsuba."""
+    """Set ``variant`` if it is not the current variant, and return Mitsuba."""
     mi = mitsuba()
     if mi.variant() != variant.name:
         mi.set_variant(variant.name)
@@ -90,10 +91,11 @@ def use(variant: Variant) -> ModuleType:
 
 
 def parser_config() -> MitsubaObject:
-    """How Mitsuba builds scenes: meshes keep their names, by which they move, and plugins are built one after another.
+    """Return Mitsuba's settings for building scenes: meshes stay separate, so they can move by name, and plugins are
+    built one after the other.
 
-    In parallel, their numbers are others in every fourth process or so, and a kernel with other numbers is compiled
-    anew although the one of the last process is in the cache.
+    Built in parallel, plugins get different numbers in about one process in four. Then kernels are compiled again,
+    although the cache has them.
     """
     mi = mitsuba()
     config = mi.parser.ParserConfig(mi.variant() or "scalar_spectral")
@@ -103,9 +105,9 @@ def parser_config() -> MitsubaObject:
 
 @contextmanager
 def variant_restored() -> Iterator[None]:
-    """Behind this block, the variant that the user had set is the current one again, also after an error.
+    """Restore the user's variant after the block, also after an error.
 
-    Where none was set, that of the block stays, because Mitsuba cannot go back to none.
+    If no variant was set, the variant of the block stays, because Mitsuba cannot unset it.
     """
     mi = sys.modules.get("mitsuba")
     before = mi.variant() if mi is not None else None
@@ -117,7 +119,7 @@ def variant_restored() -> Iterator[None]:
 
 
 def restores_variant(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """The function inside :func:`variant_restored`."""
+    """Return the function, called inside :func:`variant_restored`."""
 
     @wraps(function)
     def call(*arguments: Arguments.args, **options: Arguments.kwargs) -> Result:
@@ -128,7 +130,7 @@ def restores_variant(function: Callable[Arguments, Result]) -> Callable[Argument
 
 
 def computed_in(variant: Variant, items: Iterator[Item]) -> Iterator[Item]:
-    """The items of an iterator that computes them in a variant; between them the user's variant is the current one."""
+    """Yield the items of an iterator that computes in ``variant``; the user's variant is current between items."""
     ended = object()
     while True:
         with variant_restored():
@@ -140,26 +142,44 @@ def computed_in(variant: Variant, items: Iterator[Item]) -> Iterator[Item]:
 
 
 def values_of(thing: MitsubaObject) -> Iterator[tuple[str, MitsubaObject]]:
-    """(name, value) of the parameters of an object of Mitsuba, but for those that it has not set: the colour of hair,
-    where its pigments are, of which Mitsuba's own iterator fails."""
+    """Yield (name, value) of each parameter of a Mitsuba object that is set. Mitsuba's own iterator fails if one is not
+    set, e.g. the colour of hair with pigments."""
     parameters = mitsuba().traverse(thing)
     for name, (value, *_) in parameters.properties.items():
         if value is not None:
             yield name, parameters[name]
 
 
+def evaluate(
+    function: Callable[..., tuple[Array, ...]], inputs: Float64Array
+) -> list[Float64Array]:
+    """Return the outputs, each (N, …), of a function of Mitsuba's numbers for inputs (N, k): all at once, or one by one
+    in scalar variants."""
+    if mitsuba().variant().startswith("scalar"):
+        rows = [
+            [np.array(out, np.float64) for out in function(*row)] for row in inputs.tolist()
+        ]
+        return [np.array(column) for column in zip(*rows, strict=True)]
+    # Made from lists the arrays are aligned; NumPy's may not be, and each alignment compiles a kernel (0.7 s).
+    outputs = function(*(mitsuba().Float(column.tolist()) for column in inputs.T))
+    drjit().eval(outputs)
+    arrays = [np.atleast_1d(np.array(out, dtype=np.float64).T) for out in outputs]
+    # Constant outputs, e.g. the direction of parallel rays, have one entry only.
+    return [np.broadcast_to(x, (len(inputs), *x.shape[1:])) for x in arrays]
+
+
 def is_polarized() -> bool:
-    """Whether the variant that is set follows the polarisation of light."""
+    """Return True if the current variant traces the polarisation of light."""
     return str(mitsuba().variant()).endswith(POLARIZED)
 
 
 def polarized(variant: Variant) -> Variant:
-    """The variant with the same back end that follows the polarisation of light."""
+    """Return the variant with the same backend that traces the polarisation of light."""
     return replace(variant, name=variant.name.removesuffix(POLARIZED) + POLARIZED)
 
 
 def _spectral_variants() -> list[str]:
-    """Variants that render here: with spectra, with and without polarisation."""
+    """Return the installed spectral variants, with and without polarisation."""
     endings = ("_spectral", "_spectral" + POLARIZED)
     return [name for name in mitsuba().variants() if name.endswith(endings)]
 
@@ -174,13 +194,11 @@ def _checked(name: str, reason: str, subject: str) -> Variant:
     backend = name.split("_")[0]
     problem = backend_problem(backend)
     if problem:
-        way_out = "take scalar_spectral" + (
-            f", or {llvm_remedy()}" if backend == "llvm" else ""
-        )
-        raise InputError(f"{subject}, but there is {problem}; {way_out}.")
+        remedy = f", or {llvm_remedy()}" if backend == "llvm" else ""
+        raise InputError(f"{subject}, but there is {problem}; use scalar_spectral{remedy}.")
     return Variant(name, backend, reason, _faster() if backend == "scalar" else "")
 
 
 def _faster() -> str:
-    """What would make scalar variants faster where LLVM cannot be used; else an empty string."""
+    """Return how to make rendering faster if LLVM is unusable, else an empty string."""
     return FASTER + llvm_remedy() if backend_problem("llvm") else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -18,6 +19,10 @@ from .run import INPUT_REFERRED
 KEEP = ("photons", "photoelectrons", "dark_electrons", "electrons", "volts", INPUT_REFERRED)
 """Intermediate signals that ``expose(keep=…)`` can return: mean photons of all bands, electrons that light and dark
 current left in the well, their sum [e-], swing at the converter [V], that swing as electrons at the input."""
+
+
+CLIPPED = ("clipped_full_well", "clipped_adc_low", "clipped_adc_high")
+"""Causes of clipping that every frame counts."""
 
 
 class PlannedChain(Protocol):
@@ -47,6 +52,7 @@ class RawFrames:
     light : mean photons.  first : number, exposure and window of the first frame.  stages : the chain.
     plan : what was left out of the chain, where ``plan`` or ``tolerance_dn`` was given.
     detected : mean photoelectrons of the light.  backend : what computed the frames.
+    counted : pixels of the first frame that are clipped or cut to zero, by the cause; None where not known.
     photons, photoelectrons, dark_electrons, electrons, volts, input_referred_electrons : (N, H, W) float64 if asked for
         by ``keep``, else None.
     """
@@ -59,6 +65,7 @@ class RawFrames:
     detected: Detected
     backend: Backend
     plan: PlannedChain | None = None
+    counted: Mapping[str, int] | None = None
     photons: NDArray[np.float64] | None = None
     photoelectrons: NDArray[np.float64] | None = None
     dark_electrons: NDArray[np.float64] | None = None

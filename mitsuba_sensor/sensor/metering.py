@@ -25,7 +25,7 @@ from ..core import (
     require,
 )
 from ..core.backend import FLOAT32_LIMIT
-from ..core.exposure import LONGEST_S
+from ..core.exposure import TIME_MAX_S
 from ..stages.effects.dark_current import mean_dark_e
 from ..stages.stage import detector_of
 from .detection import Detected, detect
@@ -111,7 +111,7 @@ class Metering:
             )
         level_e = float(np.percentile(bounded, self.percentile)) + mean_dark_e(camera, exposure)
         time_s = exposure.time_s * self.share * metered_saturation_e(camera) / level_e
-        return min(float(f"{time_s:.{DIGITS}g}"), LONGEST_S)
+        return min(float(f"{time_s:.{DIGITS}g}"), TIME_MAX_S)
 
     def record(self, exposure: Exposure) -> dict[str, float]:
         """What was found and how, for metadata."""

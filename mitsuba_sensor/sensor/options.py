@@ -24,8 +24,8 @@ Precision = Literal["auto", "float32", "float64"]
 Gain: TypeAlias = Annotated[
     str | float | None,
     Option(
-        "Gain setting of the camera; an ISO number or a name, which `cameras show` lists. Default: "
-        "the numbers of the camera as they stand.",
+        "Gain setting of the camera; an ISO number or a name that `cameras show` lists. Default: the numbers of the "
+        "camera file.",
         flag="--gain --iso",
         metavar="ISO|NAME",
         text=str,
@@ -39,9 +39,9 @@ class MapOptions(TypedDict, total=False):
     maps: Annotated[
         "Mapping[str, ArrayLike] | None",
         Option(
-            "Measured fixed-pattern noise (FPN) maps by name, as `fpn-maps` makes them, in place of the serial "
-            "number's own; of this window, or of the whole sensor. Offsets and read noise are in electrons or DN, as "
-            "their names end: dsnu_pixel_e, dsnu_pixel_dn.",
+            "Use these measured fixed-pattern noise (FPN) maps instead of those of the serial number. They are named "
+            "as `fpn-maps` names them and cover this window or the whole sensor; names of offsets and read noise end "
+            "in their unit, e.g. dsnu_pixel_e, dsnu_pixel_dn.",
             flag="--fpn-maps",
             metavar="FILE.npz",
             text=str,
@@ -55,8 +55,8 @@ class SensorOptions(MapOptions, total=False):
     tolerance_dn: Annotated[
         float | None,
         Option(
-            "Leave out the stages that together move no number of this exposure by more than this, in DN (see `plan`); "
-            "what was left out is in the metadata. Default: nothing is left out.",
+            "Omit stages that together change no pixel value by more than this [DN]; see `plan`. The metadata lists "
+            "the omitted stages. Default: omit none.",
             low=0,
             high=1e9,
             example="0.02",
@@ -65,14 +65,15 @@ class SensorOptions(MapOptions, total=False):
     engine: Annotated[
         Engine,
         Option(
-            "numpy, drjit (one compiled kernel, the same bytes), cuda, or auto: the faster of numpy and drjit.",
+            "Engine with equal output: numpy, drjit (one compiled kernel), cuda, or auto, the faster of numpy and "
+            "drjit.",
             "auto",
         ),
     ]
     precision: Annotated[
         Precision,
         Option(
-            "float32, float64 (numpy only), or auto: float32 while it can count single electrons.",
+            "Precision: float32, float64 (numpy only), or auto, float32 if it can count single electrons.",
             "auto",
         ),
     ]
@@ -84,7 +85,7 @@ class StartOptions(TypedDict, total=False):
     start_s: Annotated[
         float,
         Option(
-            "When frame 0 begins, in seconds of the motion and of the waveforms of lamps.",
+            "Start of frame 0 [s], on the time axis of motion and lamp waveforms.",
             0.0,
             low=-1e9,
             high=1e9,
@@ -100,8 +101,8 @@ class TimeOptions(StartOptions, total=False):
     fps: Annotated[
         float | None,
         Option(
-            "Frames per second: motion and waveforms go on from frame to frame, and frames.webp shows them. "
-            "Default: all frames are of the same instant.",
+            "Frame rate [Hz]. Motion and lamp waveforms advance between frames; frames.webp is the preview. Default: "
+            "all frames show one instant.",
             low=1e-6,
             high=1e9,
             example="30",
@@ -110,7 +111,7 @@ class TimeOptions(StartOptions, total=False):
     frame_period_s: Annotated[
         float | None,
         Option(
-            "Seconds from the begin of a frame to that of the next, in place of --fps.",
+            "Time between the starts of successive frames [s], instead of --fps.",
             low=1e-9,
             high=1e6,
             example="0.04",
@@ -144,20 +145,21 @@ class FrameOptions(SensorOptions, TimeOptions, total=False):
     serial: Annotated[
         int | None,
         Option(
-            "Serial number of the camera: selects its fixed-pattern noise. Default: the scene file's, else 1.",
+            "Serial number of the sensor unit, which selects its fixed-pattern noise. Default: the scene file's, else "
+            "1.",
             check=require_seed,
         ),
     ]
     frames: Annotated[
         int,
         Option(
-            "How many frames: the pages of one TIFF.", 1, low=1, high=2**32 - 1, example="8"
+            "Number of frames, the pages of one TIFF.", 1, low=1, high=2**32 - 1, example="8"
         ),
     ]
     first_frame: Annotated[
         int,
         Option(
-            "Number of the first frame; frame 12 is the same made alone or after others.",
+            "Number of the first frame. Frame 12 is the same, whether it is made alone or after others.",
             0,
             low=0,
             high=2**32 - 1,

@@ -6,11 +6,12 @@ import math
 import operator
 import sys
 import threading
-from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Container, Hashable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,26 +112,6 @@ def strips_of(stages: Chain, window: SensorWindow) -> list[Strip]:
     return strips
 
 
-class Follower(Protocol):
-    """Sees a strip of the first frame."""
-
-    def behind(self, stage: Stage, signal: Array) -> None:
-        """The signal behind a stage."""
-
-    def end(self) -> dict[str, Array]:
-        """Masks of the rows that the strip delivers, whose pixels are to be counted."""
-
-
-class Observer(Protocol):
-    """Sees the first frame while it is computed; on NumPy from several threads."""
-
-    def strip(self, strip: Strip, frame: Frame) -> Follower:
-        """Before a strip is computed.  frame : of all its rows."""
-
-    def count(self, counts: Mapping[str, int]) -> None:
-        """Pixels of the masks of one strip."""
-
-
 @dataclass(eq=False)
 class StripWindows:
     """The window of a sensor as strips of rows, each with its FPN maps once they are made.
@@ -181,13 +162,14 @@ class FrameRunner:
     """Frames of one window and one light, strip by strip of rows; FPN maps stay with their strips between the frames.
 
     On NumPy as many strips as there are processors are in flight; a compiled kernel shares them out by itself.
+    counts : pixels of the first frame that are clipped or cut, by the cause; None to count none.
     strips : of the window of ``first``; a :class:`Sensor` keeps them from call to call.
     """
 
     stages: Chain
     light: Detected | DetectedByKernel
     first: Frame
-    observer: Observer | None = None
+    counts: Counter[str] | None = None
     strips: StripWindows | None = None
     _starts: dict[int, Array] = field(default_factory=dict)
 
@@ -242,8 +224,8 @@ class FrameRunner:
 
     def _copy(self, strip: PendingStrip) -> None:
         strip.copy()
-        if self.observer is not None:
-            self.observer.count(strip.counts)
+        if self.counts is not None:
+            self.counts.update(strip.counts)
 
     def _jobs(self, index: int, sinks: Sinks, last: bool) -> Iterator[PendingStrip]:
         """One job per strip; on the host they are done."""
@@ -263,21 +245,22 @@ class FrameRunner:
         found = {"photons"}
         if "photons" in sinks:
             sinks["photons"][rows] = self.light.photons.crop_rows(rows).total
-        if self.observer is None or index != self.first.index:
-            follower = None
-        else:
-            follower = self.observer.strip(strip, frame)
-        for name, signal in signals(
-            self.stages, self._start(number, frame, last), frame, follower
-        ):
+        masks = dict[str, Array]()
+        counted = self.counts is not None and index == self.first.index
+        start = self._start(number, frame, last)
+        for name, signal in signals(self.stages, start, frame, masks if counted else None):
             found.add(name)
             if name == "digital":
                 require_kept(sinks, found)
                 if not (last and self._own):
                     self._kept.keep(number, window)
-                delivered, masks = signal(), follower.end() if follower else {}
+                delivered = signal()
                 if strip.around != rows:
                     delivered = window.backend.to_numpy(delivered, window)[inside]
+                    masks = {
+                        name: np.broadcast_to(mask, window.shape)[inside]
+                        for name, mask in masks.items()
+                    }
                 return window.backend.pending(delivered, window, sinks[name][rows], masks)
             if name in sinks:
                 sinks[name][rows] = window.backend.to_numpy(signal(), window)[inside]
@@ -325,15 +308,18 @@ def begin(stages: Chain, electrons: Array, frame: Frame, kept: bool = False) -> 
 
 
 def signals(
-    stages: Chain, start: Array, frame: Frame, follower: Follower | None = None
+    stages: Chain, start: Array, frame: Frame, masks: dict[str, Array] | None = None
 ) -> Iterator[tuple[str, Callable[[], Array]]]:
-    """One frame from what the first stage delivered; name and a function that returns the signal where units change."""
+    """One frame from what the first stage delivered; name and a function that returns the signal where units change.
+
+    masks : takes the masks of pixels that stages mark, by their name.
+    """
     signal = start
     for number, (stage, following) in enumerate(zip(stages, (*stages[1:], None), strict=True)):
         if number:
             signal = stage.sample(signal, frame)
-        if follower is not None:
-            follower.behind(stage, signal)
+        if masks is not None:
+            masks |= stage.marked(total(signal), frame)
         if following is None or following.domain != stage.domain:
             yield from named(stage, signal, last=following is None)
         if following is stages[-1] and stage.domain == "volts":

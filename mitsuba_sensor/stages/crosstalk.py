@@ -18,7 +18,7 @@ from pydantic import Field, model_validator
 from ..core import Electrons, arrays
 from ..core.backend import FLOAT32_LIMIT
 from ..core.types import Array, Float64Array
-from .datasheet import Chance, FileTable, NotNegative
+from .datasheet import Chance, FileTable, NotNegative, optional
 from .effects.quantum_yield import bursts
 
 Kernel = tuple[tuple[Chance, ...], ...]
@@ -124,36 +124,32 @@ def _check_shares(name: str, shares: Float64Array) -> None:
 class CrosstalkFields(FileTable):
     """Where the photoelectrons of a pixel go."""
 
-    crosstalk: Kernel | None = Field(
-        None,
+    crosstalk: Kernel | None = optional(
+        "shares of a pixel's photoelectrons that it and its neighbours collect, rows of 3 × 3 or 5 × 5",
+        EXAMPLE,
         title="crosstalk, pixel response kernel",
-        description="shares of a pixel's photoelectrons that it and its neighbours collect, rows of 3 × 3 or 5 × 5",
-        examples=[EXAMPLE],
     )
-    crosstalk_from: Annotated[dict[str, Kernel], Field(min_length=1)] | None = Field(
-        None,
+    crosstalk_from: Annotated[dict[str, Kernel], Field(min_length=1)] | None = optional(
+        "filter name → these shares for pixels behind it, instead of crosstalk; others keep all",
+        {"R": EXAMPLE},
         title="crosstalk of a colour",
-        description="filter name → these shares for pixels behind it, instead of crosstalk; others keep all",
-        examples=[{"R": EXAMPLE}],
     )
     crosstalk_pairs: (
         Annotated[
             dict[str, Annotated[dict[str, Kernel], Field(min_length=1)]], Field(min_length=1)
         ]
         | None
-    ) = Field(
-        None,
-        title="crosstalk between two colours",
-        description="filter name → filter name → shares that pixels behind the first give to pixels behind the second, "
+    ) = optional(
+        "filter name → filter name → shares that pixels behind the first give to pixels behind the second, "
         "instead of crosstalk; others keep all",
-        examples=[{"R": {"R": OWN_EXAMPLE, "G": PAIR_EXAMPLE}}],
+        {"R": {"R": OWN_EXAMPLE, "G": PAIR_EXAMPLE}},
+        title="crosstalk between two colours",
     )
-    diffusion_um: tuple[NotNegative, ...] | None = Field(
-        None,
-        title="charge diffusion, diffusion length",
-        description="standard deviation of the way that electrons go sideways before they are collected, at each of "
+    diffusion_um: tuple[NotNegative, ...] | None = optional(
+        "standard deviation of the way that electrons go sideways before they are collected, at each of "
         "wavelengths_nm, instead of crosstalk [µm]",
-        examples=[[1.5, 3.0]],
+        [1.5, 3.0],
+        title="charge diffusion, diffusion length",
     )
 
     @model_validator(mode="after")

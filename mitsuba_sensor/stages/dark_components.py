@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from ..core import Exposure, Frame, SensorWindow, arrays
 from ..core.backend import Backend, uniforms
 from .dark_current_models import FIGURE_OF_MERIT_AT_K, arrhenius
-from .datasheet import Chance, FileTable, Kelvin, NotNegative, Positive
+from .datasheet import Chance, FileTable, Kelvin, NotNegative, Positive, optional
 from .stage import Datasheet
 
 MIDGAP_EV = 0.56
@@ -29,31 +29,20 @@ class DarkComponentSection(FileTable):
     family: Literal["uniform", "normal"] = Field(
         description="distribution of the component", examples=["uniform"]
     )
-    low: NotNegative | None = Field(
-        None, description="lower end of a uniform component [unit]", examples=[45]
-    )
-    high: Positive | None = Field(
-        None, description="upper end of a uniform component [unit]", examples=[440]
-    )
-    mean: Positive | None = Field(
-        None, description="mean of a normal component [unit]", examples=[18]
-    )
-    sigma: NotNegative | None = Field(
-        None, description="σ of a normal component [unit]", examples=[4]
-    )
+    low: NotNegative | None = optional("lower end of a uniform component [unit]", 45)
+    high: Positive | None = optional("upper end of a uniform component [unit]", 440)
+    mean: Positive | None = optional("mean of a normal component [unit]", 18)
+    sigma: NotNegative | None = optional("σ of a normal component [unit]", 4)
     unit: Literal["e_per_s", "e", "dn"] = Field(
         description="unit of the numbers of this component; e and dn are of an exposure of any time",
         examples=["dn"],
     )
-    at_temperature_k: Annotated[Reference | None, Kelvin] = Field(
-        None,
-        description="temperature of the numbers [K]; default: dark_current.at_temperature_k, or 300 K without one",
-        examples=[298.15],
+    at_temperature_k: Annotated[Reference | None, Kelvin] = optional(
+        "temperature of the numbers [K]; default: dark_current.at_temperature_k, or 300 K without one",
+        298.15,
     )
-    activation_ev: Activation = Field(
-        MIDGAP_EV,
-        description="activation energy E_a [eV]; 0 for a signal that no cooling changes",
-        examples=[0.56],
+    activation_ev: Activation = optional(
+        "activation energy E_a [eV]; 0 for a signal that no cooling changes", 0.56, MIDGAP_EV
     )
 
     @model_validator(mode="after")

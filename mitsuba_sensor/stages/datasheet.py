@@ -154,52 +154,50 @@ class SensorSection(FileTable):
     )
     columns: Side = Field(description="pixels in a row", examples=[1900])
     rows: Side = Field(description="pixels in a column", examples=[1300])
-    shutter: Literal["global", "rolling"] = Field(
+    shutter: Literal["global", "rolling"] = optional(
+        "all rows open at once, or one after the other from the top",
+        "rolling",
         "global",
         title="global shutter, rolling shutter",
-        description="all rows open at once, or one after the other from the top",
-        examples=["rolling"],
     )
     row_time_us: Annotated[
         Positive | None, Usual.of(0.5, 1e4, SECONDS_TO_US, MS_TO_US, NS_TO_US)
-    ] = Field(
-        None,
+    ] = optional(
+        "time from the start of a row to that of the next, of a rolling shutter [µs]",
+        15.0,
         title="row time, line time",
-        description="time from the start of a row to that of the next, of a rolling shutter [µs]",
-        examples=[15.0],
     )
-    polarizers: tuple[tuple[Angle, ...], ...] | None = Field(
-        None,
-        title="polariser mosaic, analyser",
-        description="rows of the angles of the transmission axes of polarisers that repeat over the sensor, from the "
+    polarizers: tuple[tuple[Angle, ...], ...] | None = optional(
+        "rows of the angles of the transmission axes of polarisers that repeat over the sensor, from the "
         "columns' direction to the right counter-clockwise as one looks at the picture [°]",
-        examples=[[[90, 45], [135, 0]]],
+        [[90, 45], [135, 0]],
+        title="polariser mosaic, analyser",
     )
-    extinction_ratio: Annotated[ByWavelength | None, _numbers_from(1, 1e6, 300)] = Field(
-        None,
+    extinction_ratio: Annotated[ByWavelength | None, _numbers_from(1, 1e6, 300)] = optional(
+        "of the polarisers, τ_max/τ_min, one number or one for each of quantum_efficiency.wavelengths_nm",
+        300,
         title="extinction ratio, contrast of polarisers",
-        description="of the polarisers, τ_max/τ_min, one number or one for each of quantum_efficiency.wavelengths_nm",
-        examples=[300],
     )
-    polarizer_transmission: Annotated[ByWavelength | None, _numbers_from(1e-6, 1, 0.9)] = Field(
-        None,
-        title="transmittance of polarisers",
-        description="of light that is polarised along their axis, τ_max, one number or one for each of "
-        "quantum_efficiency.wavelengths_nm; 1 if not given",
-        examples=[0.9],
+    polarizer_transmission: Annotated[ByWavelength | None, _numbers_from(1e-6, 1, 0.9)] = (
+        optional(
+            "of light that is polarised along their axis, τ_max, one number or one for each of "
+            "quantum_efficiency.wavelengths_nm; 1 if not given",
+            0.9,
+            title="transmittance of polarisers",
+        )
     )
-    dual_pixel: Annotated[bool, Field(strict=True)] = Field(
+    dual_pixel: Annotated[bool, Field(strict=True)] = optional(
+        "whether every pixel has two photodiodes side by side under its microlens, each of which sees half "
+        "of the pupil",
+        True,
         False,
         title="dual pixel, dual photodiode (2PD), phase-detection autofocus (PDAF)",
-        description="whether every pixel has two photodiodes side by side under its microlens, each of which sees half "
-        "of the pupil",
-        examples=[True],
     )
-    without: tuple[str, ...] = Field(
+    without: tuple[str, ...] = optional(
+        "noise sources that are switched off, by the keys of their stages",
+        ["shot_noise"],
         (),
         title="noise source switched off",
-        description="noise sources that are switched off, by the keys of their stages",
-        examples=[["shot_noise"]],
     )
 
     @property
@@ -296,13 +294,13 @@ class PixelGeometry(MicrolensFields):
     aperture: Annotated[
         Literal["full", "square"] | tuple[Fraction, Fraction] | SensitivityMap,
         BeforeValidator(aperture_value),
-    ] = Field(
-        "full",
-        title="pixel aperture, pixel MTF, sensitivity within the pixel",
-        description="what of the pixel collects light: all of it by a microlens, a square of the fill factor in its "
+    ] = optional(
+        "what of the pixel collects light: all of it by a microlens, a square of the fill factor in its "
         "middle, a width and height as shares of the pitch, or rows of the measured sensitivity within the pixel, "
         "whose ratios count (or a .csv file of them)",
-        examples=["square"],
+        "square",
+        "full",
+        title="pixel aperture, pixel MTF, sensitivity within the pixel",
     )
 
     @property

@@ -14,7 +14,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from ..core import Electrons
-from .datasheet import FileTable
+from .datasheet import FileTable, optional
 from .effects.full_well import held_e
 from .effects.quantum_yield import bursts
 from .stage import Datasheet
@@ -26,12 +26,12 @@ BEFORE = "before"
 class ImageLagFields(FileTable):
     """Photoelectrons that are read with the next frame."""
 
-    image_lag: Annotated[float, Field(ge=0, le=0.5, strict=True)] = Field(
+    image_lag: Annotated[float, Field(ge=0, le=0.5, strict=True)] = optional(
+        "share of a pixel's photoelectrons that its read-out leaves behind for the next frame, of frames "
+        "that follow each other in time; a frame without the light of the one before (no fps, data sets) shows no lag",
+        0.01,
         0.0,
         title="image lag, residual charge",
-        description="share of a pixel's photoelectrons that its read-out leaves behind for the next frame, of frames "
-        "that follow each other in time; a frame without the light of the one before (no fps, data sets) shows no lag",
-        examples=[0.01],
     )
 
     @model_validator(mode="after")

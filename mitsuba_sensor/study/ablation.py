@@ -1,4 +1,4 @@
-"""``study ablation``: what each noise source and each feature of the render does to the frames, and what it costs."""
+"""``study ablation``: the effect and the cost of each noise source and each render feature."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from .kit import (
 
 WHOLE, PLAN = "whole chain", "the plan"
 SENSORS, TURNS, PAIRS = 8, 9, 4
-"""Sensors whose frames are compared, turns of times, and pairs of renders with and without each feature."""
+"""Compared sensor units, turns of times, and pairs of renders with and without each feature."""
 SIGNIFICANT = 3.0
-"""Standard errors beyond which a change is more than noise."""
+"""Standard errors above which a change is significant."""
 LENS: dict[str, tuple[str, ...]] = {
     "no lens distortion": ("distortion", "distortion_percent", "distortion_heights_mm"),
     "no lens transmission curve": ("transmission_curve", "transmission_wavelengths_nm"),
     "no lens prescription": ("prescription",),
 }
-"""Features of a lens, and the fields that are unset without them."""
+"""Features of a lens, and the fields that their removal unsets."""
 NO_FALL_OFF = {
     "lens.relative_illumination": (1.0, 1.0),
     "lens.relative_illumination_heights_mm": (0.0, 1e6),
@@ -45,10 +45,10 @@ NO_FALL_OFF = {
 
 
 class Case(NamedTuple):
-    """Frames without one noise source, beside those of the whole chain with the same random numbers.
+    """Frames without one noise source, compared with the whole chain with the same random numbers.
 
-    intervals : (change, low, high) of mean, temporal σ and spatial σ, at 95 % over the sensors [DN].
-    beyond : by how much the largest change is above 3 standard errors [DN].  moved : share of the codes that differ.
+    intervals : (change, low, high) of mean, temporal σ and spatial σ, 95 % over the sensor units [DN].
+    beyond : excess of the largest change over 3 standard errors [DN].  moved : fraction of the codes that differ.
     """
 
     intervals: list[tuple[float, float, float]]
@@ -57,7 +57,7 @@ class Case(NamedTuple):
 
     @property
     def largest(self) -> int:
-        """Which quantity changes most."""
+        """Index of the quantity that changes most."""
         return int(np.abs([change for change, *_ in self.intervals]).argmax())
 
 
@@ -70,19 +70,12 @@ def ablation(
     seed: int = 1,
     serial: int = 1,
 ) -> Study:
-    """What leaving out each noise source, what the plan leaves out, and each feature of the render changes.
+    """Measure the changes without each noise source, with the plan, and without each render feature.
 
-    tolerance_dn : of the plan [DN].  frames : of each of 8 sensors, at least 2.
-    seed, serial : of the first frame and the first sensor.
-    Raises InputError.
+    tolerance_dn : of the plan [DN].  frames : of each of 8 sensor units, at least 2.
+    seed, serial : of the first frame and the first sensor unit.
     """
     spp, exposure = subject.options.get("spp", 32), subject.exposure
-    if frames < 2:
-        raise ms.InputError(
-            f"frames is {frames}; temporal noise needs at least 2 frames, e.g. 8."
-        )
-    if spp < 2 * PAIRS:
-        raise ms.InputError(f"spp is {spp}; the renders that are compared need at least 8.")
     progress("light", 0.0)
     light = subject.render(seed, spp=spp, denoise=False)
     photons = subject.photons(light)
@@ -93,7 +86,7 @@ def ablation(
     )
     rows, columns = photons.mean.shape[:2]
     about = f"{columns} × {rows} pixels, {exposure.time_s:g} s, {exposure.temperature_k:g} K"
-    title = f"What can be left out: {Path(subject.scene).stem}, {subject.camera.name} ({about})"
+    title = f"Ablation: {Path(subject.scene).stem}, {subject.camera.name} ({about})"
     return study_of("ablation", title, sections)
 
 
@@ -104,9 +97,9 @@ def sensor_section(
     replicas: tuple[int, int, int],
     progress: Progress,
 ) -> Section:
-    """What each noise source changes and saves; passed if the plan keeps its tolerance.
+    """Measure what each noise source changes and costs; passed if the plan keeps its tolerance.
 
-    replicas : frames of each sensor, seed of the first frame, serial number of the first sensor.
+    replicas : frames of each sensor unit, seed of the first frame, serial number of the first unit.
     """
     frames, seed, serial = replicas
     cameras = {WHOLE: subject.camera, **dict(_reduced(subject.camera)), PLAN: subject.camera}
@@ -148,9 +141,10 @@ def sensor_section(
         "Changes without each noise source",
         f"left out | {headings} | saved, from [%] | median [%] | to [%] | plan",
         rows,
-        f"Averages over all pixels of {frames} frames of each of {SENSORS} sensors, with the random numbers of the "
-        "whole chain; ± is half the 95 % interval over the sensors. Saved: share of a frame's time on NumPy, quartiles "
-        f"of {TURNS} turns. Sources that change no code are not timed.",
+        f"Averages over all pixels of {frames} frames of each of {SENSORS} sensor units, with the random numbers of "
+        "the whole chain; ± is half the 95 % interval over the units. Saved: fraction of a frame's time on NumPy, "
+        f"quartiles of {TURNS} turns. Sources that change no code are not timed.",
+        "left out | mean [DN] | temporal σ [DN] | spatial σ [DN] | median [%] | plan",
     )
     findings = of_plan(plan, cases[PLAN], saved), *of_sources(cases, saved, moments(whole))
     failed = () if keeps else (f"plan at {plan.tolerance_dn:g} DN",)
@@ -159,16 +153,16 @@ def sensor_section(
 
 
 def _reduced(camera: ms.Camera) -> Iterator[tuple[str, ms.Camera]]:
-    """The camera without each of its noise sources."""
+    """Yield the camera without each of its noise sources."""
     for stage in camera.stages:
         try:
             yield stage.label, camera.without(stage.key())
-        except ms.InputError:  # gains, wells and the ADC stay
+        except ms.InputError:  # gains, wells and the ADC are not noise sources
             continue
 
 
 def compared(taken: list[np.ndarray], whole: list[np.ndarray]) -> Case:
-    """What a case changes.  taken, whole : frames of every sensor."""
+    """Compare two sets of frames.  taken, whole : frames of every sensor unit."""
     change, error = change_of_moments(moments(taken), moments(whole))
     pairs = zip(change.tolist(), error.tolist(), strict=True)
     beyond = float((np.abs(change) - SIGNIFICANT * error).max())
@@ -177,19 +171,19 @@ def compared(taken: list[np.ndarray], whole: list[np.ndarray]) -> Case:
 
 
 def saved_share(whole: list[float], other: list[float]) -> Spread:
-    """Share of the time that leaving out saves, of the turns."""
+    """Return the fraction of the time saved, with its spread over the turns."""
     return spread(1 - mine / theirs for mine, theirs in zip(other, whole, strict=True))
 
 
 def in_words(saved: Spread) -> str:
-    """``12 % (8 to 15 %)``, or that nothing was found beyond the scatter."""
+    """Return ``12% of the time (8% to 15%)``, or that nothing exceeds the scatter."""
     if saved.low <= 0:
         return f"no time beyond the scatter ({saved.low:.0%} to {saved.high:.0%})"
     return f"{saved.median:.0%} of the time ({saved.low:.0%} to {saved.high:.0%})"
 
 
 def of_plan(plan: ms.Plan, case: Case, saved: Mapping[str, Spread]) -> str:
-    """What the plan leaves out, what that changes, and what it saves."""
+    """Return a sentence: what the plan omits, changes and saves."""
     change, low, high = case.intervals[case.largest]
     moved = "no code changes"
     if case.moved:
@@ -207,7 +201,7 @@ def of_plan(plan: ms.Plan, case: Case, saved: Mapping[str, Spread]) -> str:
 def of_sources(
     cases: Mapping[str, Case], saved: Mapping[str, Spread], whole: Array
 ) -> Iterator[str]:
-    """What matters most, and what takes most time."""
+    """Yield sentences: which source matters most, and which takes most time."""
     values = [
         float(whole[0].mean()),
         *np.sqrt(np.maximum(whole[1:].mean(axis=1), 0.0)).tolist(),
@@ -231,7 +225,7 @@ def of_sources(
 
 
 def picture_of(cases: Mapping[str, Case], tolerance_dn: float) -> Dots:
-    """Size of the changes of mean and σ without each noise source that has an effect."""
+    """Draw the changes of mean and σ without each noise source that has an effect."""
     shown = {name: one for name, one in cases.items() if one.moved}
     series = {
         name: [_size(*one.intervals[row]) for one in shown.values()]
@@ -244,18 +238,18 @@ def picture_of(cases: Mapping[str, Case], tolerance_dn: float) -> Dots:
         series,
         (tolerance_dn, f"tolerance {tolerance_dn:g} DN"),
         log_x=True,
-        note=f"Bars are 95 % intervals over {SENSORS} sensors. Sources that change no code are not shown.",
+        note=f"Bars are 95 % intervals over {SENSORS} sensor units. Sources that change no code are not shown.",
     )
 
 
 def _size(change: float, low: float, high: float) -> tuple[float, float, float] | None:
-    """The absolute value of a change with its interval, or None for no change."""
+    """Return the absolute value of a change with its interval, or None for no change."""
     size, half = abs(change), (high - low) / 2
     return (size, max(size - half, 0.0), size + half) if size else None
 
 
 def features(subject: Subject, light: ms.Irradiance) -> dict[str, Options]:
-    """Options of a render without each feature that the scene has; "camera" are changes of its file."""
+    """Return the render options without each feature of the scene; "camera" holds changes of the camera."""
     bands, width_nm = light.data.shape[2], float(light.bandwidths_nm[0])
     found: dict[str, Options] = {}
     if light.filters is None and bands > 1:
@@ -274,15 +268,15 @@ def features(subject: Subject, light: ms.Irradiance) -> dict[str, Options]:
 def render_section(
     subject: Subject, light: ms.Irradiance, spp: int, seed: int, progress: Progress
 ) -> Section:
-    """What the picture loses when the render is simpler, and what that saves."""
+    """Measure what a simpler render changes and saves."""
 
     def rendered(camera: Options, **options: Any) -> list[tuple[Array, float]] | None:
-        """Signal of every pixel up to the full well, (H, W) [DN], and seconds, of every pair."""
+        """Return signal up to the full well, (H, W) [DN], and seconds of every pair; None if the scene cannot."""
         changed, pairs = subject.camera.replace(**camera), []
         for pair in range(PAIRS):
             try:
                 own = subject.render(seed + pair, changed, spp=spp, denoise=False, **options)
-            except ms.InputError:  # the scene cannot be without the feature
+            except ms.InputError:  # the scene needs the feature
                 return None
             photons = ms.collect(own, changed, subject.exposure)
             detected = ms.expose(photons, changed, subject.exposure).detected.mean_e
@@ -312,19 +306,19 @@ def render_section(
         shares = [100 * share for share in saved]
         rows.append(("" if is_change else "dim", (name, mean, mean_error, rms, error, *shares)))
     shown = table(
-        "Changes when the render is simpler",
+        "Changes with a simpler render",
         "rendered with | mean [DN] | ± [DN] | rms [DN] | ± [DN] | saved, from [%] | median [%] | to [%]",
         rows,
-        f"Change of the mean signal up to the full well, in {PAIRS} pairs of renders with equal seeds; their noise is "
-        "subtracted from the rms. ± is a standard error; saved are quartiles, without compiling.",
+        f"Change of the signal up to the full well, in {PAIRS} pairs of renders with equal seeds. The rms excludes "
+        "their noise; ± is a standard error. Saved: quartiles, without compilation.",
     )
     return Section(tuple(filter(None, most[1:])), True, (shown,))
 
 
 def shared_rms(off: Array) -> tuple[float, float]:
-    """Root mean square over the pixels of the change that all pairs share, and its standard error.
+    """Return the rms over the pixels of the change that all pairs share, and its standard error.
 
-    The mean of products of two different pairs has no noise in its mean.
+    Noise has no effect on the mean of products of two different pairs.
     """
 
     def mean_square(pairs: Array) -> float:

@@ -1,4 +1,4 @@
-"""The kit of the studies: their subject, steps with progress, times in turns, moments of frames, and their files."""
+"""Shared by the studies: subject, steps with progress, times in turns, moments of frames, and files."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from ..pages.page import Study, Table
 
 Array = NDArray[np.float64]
 Options = dict[str, Any]
-"""Of a render, an exposure or a camera's datasheet, by name."""
+"""Options of a render, an exposure or a camera file, by name."""
 Task = Callable[[], object]
-"""Something to be timed; an integer that it returns is how often it did its work."""
+"""A task to time; an integer result is the number of repetitions of its work."""
 Progress = Callable[[str, float], object]
-"""Told the step that begins, and the share of the work that is done."""
+"""Called with the step that begins and the fraction of the work done."""
 
 PAGE, NUMBERS = "study.html", "study.json"
 QUANTITIES = "mean", "temporal σ", "spatial σ"
@@ -36,7 +36,7 @@ QUANTITIES = "mean", "temporal σ", "spatial σ"
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """Scene, camera and exposure of a study; options as in :func:`mitsuba_sensor.render`."""
+    """Scene, camera and exposure of a study.  options : of :func:`mitsuba_sensor.render`."""
 
     scene: str | os.PathLike[str]
     camera: ms.Camera
@@ -54,17 +54,17 @@ class Subject:
     def render(
         self, seed: int, camera: ms.Camera | None = None, **options: Any
     ) -> ms.Irradiance:
-        """One render, perhaps for another camera or with other options."""
+        """Render once, optionally for another camera or with other options."""
         asked = {**self.options, "progress": False, **options}
         return ms.render(self.scene, camera or self.camera, self.exposure, seed=seed, **asked)
 
     def photons(self, light: ms.Irradiance) -> ms.Photons:
-        """Photons of one exposure to this light."""
+        """Return the photons of one exposure to this light."""
         return ms.collect(light, self.camera, self.exposure)
 
 
 def measured(steps: Mapping[str, Callable[[], Any]], progress: Progress) -> dict[str, Any]:
-    """The value of each step, by its name."""
+    """Run the steps and return their values by name."""
     values = {}
     for number, (name, measure) in enumerate(steps.items()):
         progress(name, number / len(steps))
@@ -74,10 +74,9 @@ def measured(steps: Mapping[str, Callable[[], Any]], progress: Progress) -> dict
 
 
 def time_in_turns(tasks: Mapping[str, Task], turns: int) -> dict[str, list[float]]:
-    """Seconds of each task's work in each turn, after one turn that compiles and does not count.
+    """Return the seconds of each task in each turn, after one uncounted turn that compiles.
 
-    The order differs from turn to turn, so no task always follows the same one, and a machine that slows down slows
-    all of them.
+    The order changes between turns, so no task always follows the same task, and a slower machine slows all of them.
     """
     names, seconds = list(tasks), {name: list[float]() for name in tasks}
     for turn in range(turns + 1):
@@ -91,10 +90,10 @@ def time_in_turns(tasks: Mapping[str, Task], turns: int) -> dict[str, list[float
 
 
 def moments(frames: Sequence[NDArray[np.unsignedinteger]]) -> Array:
-    """Mean, temporal and spatial variance of the frames of each sensor, averaged over the pixels, (3, S) [DN, DN²].
+    """Return mean, temporal and spatial variance of each sensor unit, averaged over the pixels, (3, S) [DN, DN²].
 
-    frames : of each sensor, (N, H, W). The spatial variance is the squared distance of a pixel from its mean over all
-    sensors, minus what temporal noise adds.
+    The spatial variance is a pixel's squared distance from its mean over all units, minus the temporal contribution.
+    frames : of each sensor unit, (N, H, W).
     """
     digital = np.array(frames, np.float64)
     means, temporal = digital.mean(axis=1), digital.var(axis=1, ddof=1).mean(axis=(1, 2))
@@ -104,9 +103,10 @@ def moments(frames: Sequence[NDArray[np.unsignedinteger]]) -> Array:
 
 
 def change_of_moments(found: Array, other: Array) -> tuple[Array, Array]:
-    """Changes of mean, temporal σ and spatial σ with standard errors, (3,), from moments (3, S) of the same sensors.
+    """Return the changes of mean, temporal σ and spatial σ and their standard errors, (3,) each.
 
-    √a − √b = (a − b)/(√a + √b). If a variance is not resolved, its root is at least that of its standard error.
+    √a − √b = (a − b)/(√a + √b). The root of an unresolved variance is at least the root of its standard error.
+    found, other : moments (3, S) of the same sensor units.
     """
     off = found - other
     value, error = off.mean(axis=1), np.array([standard_error(row) for row in off])

@@ -1,7 +1,7 @@
-"""``study stress``: stiff and extreme cases on every engine, each beside what must come.
+"""``study stress``: stiff and extreme cases on every engine, each compared with the expected result.
 
-stress.toml has the cases. Each gives one number for an engine: how far the result is from what must come, over how far
-it may be. Up to 1 holds; NaN, warnings of NumPy and exceptions fail.
+stress.toml has the cases. A case gives one number per engine: the deviation over the allowed deviation. Up to 1 holds;
+NaN, NumPy warnings and exceptions fail.
 """
 
 from __future__ import annotations
@@ -25,28 +25,28 @@ from .kit import Options, Progress, measured
 CASES = read_toml(Path(__file__).with_suffix(".toml"))
 SKY = Path(__file__).with_name("sky.xml")
 SIGMAS = 5.0
-"""Standard errors that a result may be off: chance exceeds this in 6 of 10 million normal values."""
+"""Allowed deviation in standard errors: chance exceeds it in 6 of 10 million normal values."""
 TENTH = ms.Exposure(0.1)
 SHAPE, COUNTED, FRAMES = (16, 16), (512, 512), 8
-"""Pixels of a frame, pixels whose counts are averaged, and frames whose variance is measured."""
-RARE = 5.0
-"""Counts more than a mean far below one explains: chance makes as many in one of a million cases."""
+"""Shape of a frame, shape of averaged counts, and frames for a variance."""
+RARE_COUNTS = 5.0
+"""Allowed counts beyond a mean far below 1: chance exceeds them in one of a million cases."""
 ROUNDINGS = 16.0
-"""Rounding errors that a mean may be off: operations of the chain."""
-LEFT_DN = 2e-3
-"""What tables of quantiles leave of a mean and a variance [DN, DN²]."""
+"""Allowed rounding errors of a mean, as many as operations of the chain."""
+QUANTILES_DN = 2e-3
+"""Allowed error of a mean and a variance from the quantile tables [DN, DN²]."""
 WELLS = 50.0
-"""Full wells up to which the electrons of a pixel are compared: theory counts no further."""
+"""Largest compared electrons of a pixel in full wells; theory counts no further."""
 LEVEL = 0.07
-"""Radiance of the sky [W m⁻² sr⁻¹ nm⁻¹]; no multiple of it is exact in float32, so sums are rounded."""
+"""Radiance of the sky [W m⁻² sr⁻¹ nm⁻¹]; no multiple is exact in float32, so sums are rounded."""
 PASS_SPP, FLOAT32, FLOAT64 = 1024, 2.0**-24, 2.0**-53
-"""Most samples that one pass adds up in float32, and rounding errors of one operation (IEEE 754)."""
+"""Most samples that a pass sums in float32, and rounding errors of one operation (IEEE 754)."""
 FAILED_SHOWN = 5
-"""Results that are not as expected, in the findings."""
+"""Unexpected results in the findings."""
 
 
 class Engine(NamedTuple):
-    """What computes.  option : of ``expose``, or the variant of a render, which has no precision."""
+    """An engine.  option : of ``expose``, or the variant of a render, which has no precision."""
 
     name: str
     option: str
@@ -55,12 +55,12 @@ class Engine(NamedTuple):
     def expose(
         self, light: ArrayLike, camera: ms.Camera, exposure: ms.Exposure = TENTH, **more: Any
     ) -> ms.Frames:
-        """Frames of this engine."""
+        """Expose with this engine."""
         asked = {"engine": self.option, "precision": self.precision, **more}
         return ms.expose(light, camera, exposure, **asked)
 
     def render(self, spp: int, **parameters: float) -> ms.Irradiance:
-        """A render of the sky, one band about 550 nm."""
+        """Render the sky in one band at 550 nm."""
         asked: Options = {
             "wavelength_nm": 550.0,
             "variant": self.option,
@@ -71,7 +71,7 @@ class Engine(NamedTuple):
 
 @cache
 def problem_of(engine: Engine) -> str | None:
-    """Why an engine does not work here, or None."""
+    """Return the reason why an engine does not work here, or None."""
     try:
         if engine.precision:
             engine.expose(np.ones((1, 1)), table1())
@@ -87,7 +87,7 @@ RENDERERS = tuple(Engine(*row) for row in CASES["engines"]["renderers"])
 
 
 class Case(NamedTuple):
-    """One case.  off : deviation of an engine over the allowed one.  engines : that are asked."""
+    """One case.  off : returns an engine's deviation over the allowed one.  engines : to run."""
 
     theme: str
     given: str
@@ -96,19 +96,19 @@ class Case(NamedTuple):
 
 
 def table1(**changes: Any) -> ms.Camera:
-    """The paper's camera with these changes."""
+    """Return the paper's camera with these changes."""
     return ms.load_camera("konnik_table1").replace(**changes)
 
 
 @cache
 def cameras() -> dict[str, ms.Camera]:
-    """The paper's camera, the same with every option, and a mosaic."""
+    """Return the paper's camera, the same with every option, and a mosaic camera."""
     every = table1(**CASES["every_option"])
     return {"table 1": table1(), "every option": every, "RGB-IR": ms.load_camera("rgbir_2mp")}
 
 
 def cases() -> Iterator[Case]:
-    """All cases, in the order of the page."""
+    """Yield all cases in the order of the page."""
     for theme, conditions in CASES["conditions"].items():
         for photons, time_s, temperature_k in conditions:
             for name, camera in cameras().items():
@@ -134,9 +134,9 @@ def cases() -> Iterator[Case]:
 def frames_off(
     photons: float, camera: ms.Camera, exposure: ms.Exposure, engine: Engine
 ) -> float:
-    """Means of NumPy's stages in float64 beside their theory; of other engines electrons and codes beside NumPy's.
+    """Compare the stage means of NumPy in float64 with theory, and other engines' electrons and codes with NumPy's.
 
-    Infinite for electrons outside of the well and codes out of range.
+    Infinite for electrons outside the well and for codes out of range.
     """
     light = np.full(SHAPE, photons)
     frames = engine.expose(light, camera, exposure, keep=("electrons",))
@@ -152,14 +152,16 @@ def frames_off(
     pairs = (electrons, np.float64(exact.electrons), 1.0), (digital, exact.digital, gain)
     off = []
     for found, other, step in pairs:
-        error = np.std(other) / math.sqrt(light.size) + RARE * max(step, 1.0) / light.size
+        error = (
+            np.std(other) / math.sqrt(light.size) + RARE_COUNTS * max(step, 1.0) / light.size
+        )
         roundoff = ROUNDINGS * FLOAT32 * np.abs(other).max()
         off.append(abs(found.mean() - np.mean(other)) / (error + roundoff))
     return float(max(off))
 
 
 def stages_off(frames: ms.Frames) -> float:
-    """Largest distance of a stage's mean from its expected one."""
+    """Return the largest deviation of a stage's mean from theory over the allowed one."""
     camera, worst, patterned, pixels = frames.camera, 0.0, False, SHAPE[0] * SHAPE[1]
     steps = {"electrons": 1.0, "volts": camera.readout.sense_gain_uv_per_e * 1e-6}
     steps["DN"] = camera.system_gain_dn_per_e
@@ -175,14 +177,14 @@ def stages_off(frames: ms.Frames) -> float:
             )
         independent = min(SHAPE) if patterned else pixels  # pixels of a line share a pattern
         error = math.sqrt(temporal**2 / pixels + 2 * spatial**2 / independent)
-        rest = RARE * steps.get(domain, 0.0) / pixels + LEFT_DN * (domain == "DN")
+        rest = RARE_COUNTS * steps.get(domain, 0.0) / pixels + QUANTILES_DN * (domain == "DN")
         rest += ROUNDINGS * FLOAT64 * abs(expected)
         worst = max(worst, abs(mean - expected) / (SIGMAS * error + rest or math.inf))
     return worst
 
 
 def counts_off(mean_e: float, engine: Engine) -> float:
-    """Mean, variance and third central moment of Poisson's counts, which all are λ."""
+    """Compare mean, variance and third central moment of Poisson counts with λ."""
     camera = quiet(**{"pixel.full_well_e": 1e13, "adc.full_scale_v": None})
     light = np.full(COUNTED, mean_e / electrons_per_photon(camera))
     frames = engine.expose(light, camera, ms.Exposure(0.0), keep=("photoelectrons",))
@@ -193,26 +195,26 @@ def counts_off(mean_e: float, engine: Engine) -> float:
     found = np.array([off.mean(), np.square(off).mean() - held, (off**3).mean() - held])
     spacing = np.spacing(np.float32(held)) if engine.precision == "float32" else 0.0
     scale = np.array([1.0, 2 * math.sqrt(held), 3 * held])
-    allowed = SIGMAS * np.sqrt(variances / off.size) + RARE / off.size + spacing * scale
+    allowed = SIGMAS * np.sqrt(variances / off.size) + RARE_COUNTS / off.size + spacing * scale
     return float(np.max(np.abs(found) / allowed))
 
 
 def moments_off(mean_e: float, changes: Options, engine: Engine) -> float:
-    """Mean and temporal variance of several frames, averaged over the pixels, beside their exact law."""
+    """Compare mean and temporal variance of several frames, averaged over the pixels, with their expectation."""
     camera = quiet(**changes)
     if engine.precision == "float32" and camera.adc.bits > 23:
-        raise ms.InputError("float32 does not hold codes of 24 bits.")
+        raise ms.InputError("float32 cannot represent codes of 24 bits.")
     light = np.full(SHAPE, mean_e / electrons_per_photon(camera))
     frames = engine.expose(light, camera, ms.Exposure(0.0), frames=FRAMES)
     digital = frames.digital.astype(np.float64)
     off = [digital.mean(axis=0) - frames.clean]
     off.append(digital.var(axis=0, ddof=1) - frames.temporal_variance)
     errors = np.array([one.std(ddof=1) for one in off]) / math.sqrt(light.size)
-    return float(np.max(np.abs([one.mean() for one in off]) / (SIGMAS * errors + LEFT_DN)))
+    return float(np.max(np.abs([one.mean() for one in off]) / (SIGMAS * errors + QUANTILES_DN)))
 
 
 def float64_off(changes: Options, engine: Engine) -> float:
-    """Largest difference from float64's frame, which may be 1 DN."""
+    """Return the largest difference from the float64 frame; 1 DN is allowed."""
     light, camera = np.full((3, 4), 1000.0), table1(**changes)
     exact = ms.expose(light, camera, TENTH, engine="numpy", precision="float64").digital
     return float(
@@ -221,7 +223,7 @@ def float64_off(changes: Options, engine: Engine) -> float:
 
 
 def radiance_off(radiance: float, engine: Engine) -> float:
-    """Irradiance of a sky beside E = πL/(4N²)."""
+    """Compare the irradiance of a sky with E = πL/(4N²)."""
     light, exact = engine.render(16, radiance=radiance, size=2), irradiance(radiance)
     if not np.isfinite(light.standard_error).all():
         return math.nan
@@ -229,7 +231,7 @@ def radiance_off(radiance: float, engine: Engine) -> float:
 
 
 def samples_off(spp: int, engine: Engine) -> float:
-    """The same with many samples, whose passes are added up in float64."""
+    """Compare the irradiance of many samples, whose passes are summed in float64."""
     light = engine.render(spp, radiance=LEVEL, size=1)
     each = light.statistics.samples_per_pixel // light.statistics.passes
     off = abs(float(light.data.ravel()[0]) / irradiance(LEVEL) - 1)
@@ -237,28 +239,28 @@ def samples_off(spp: int, engine: Engine) -> float:
 
 
 def irradiance(radiance: float) -> float:
-    """E = πL/(4N²) [W m⁻² nm⁻¹]."""
+    """Return E = πL/(4N²) [W m⁻² nm⁻¹]."""
     return math.pi * radiance / (4 * table1().lens.f_number ** 2)
 
 
 def float32_sum(count: int) -> float:
-    """Relative error of a float32 sum of so many equal values, and of four more roundings."""
+    """Return the relative error of a float32 sum of this many equal values and four more roundings."""
     return (count / 2 + 4) * FLOAT32
 
 
 def quiet(**changes: Any) -> ms.Camera:
-    """The paper's camera with shot noise, full well, read noise and ADC alone, and these changes."""
+    """Return the paper's camera with only shot noise, full well, read noise and ADC, and these changes."""
     return table1(**{"source_follower.white_nv_per_rthz": None, **CASES["quiet"], **changes})
 
 
 def electrons_per_photon(camera: ms.Camera) -> float:
-    """Mean photoelectrons of one photon behind the most sensitive filter."""
+    """Return the mean photoelectrons of one photon under the most sensitive filter."""
     frames = ms.expose(np.ones(np.shape(camera.tile)), camera, ms.Exposure(0.0), engine="numpy")
     return float(np.max(frames.detected.mean_e))
 
 
 class Answer(NamedTuple):
-    """What an engine gave.  off : deviation over the allowed one.  text : what the page says of it."""
+    """Result of an engine.  off : deviation over the allowed one.  text : for the page."""
 
     case: Case
     engine: str
@@ -267,12 +269,12 @@ class Answer(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Whether it is within what is allowed; NaN is not."""
+        """True if the deviation is allowed; NaN is not."""
         return self.off <= 1
 
 
 def answer(case: Case, engine: Engine) -> Answer:
-    """One case on one engine."""
+    """Run one case on one engine."""
     off, text = math.nan, ""
     try:
         with warnings.catch_warnings(), np.errstate(divide="warn", over="warn", invalid="warn"):
@@ -281,19 +283,17 @@ def answer(case: Case, engine: Engine) -> Answer:
             off = case.off(engine)
         text = f"{'✓' if off <= 1 else '✗'} {off:.2g}"
     except ms.InputError as error:
-        if "float32" in str(error):  # one sentence why this precision cannot
+        if "float32" in str(error):  # this precision cannot represent the case
             off, text = 0.0, "✓ refused"
         else:
             text = f"✗ {error}"
-    except (
-        Exception
-    ) as error:  # an exception is the answer of a case and must not end the study
+    except Exception as error:  # a failed case must not end the study
         text = f"✗ {type(error).__name__}: {error}"
     return Answer(case, engine.name, off, text)
 
 
 def stress(progress: Progress) -> Study:
-    """Ask every engine that works here for every case."""
+    """Run every case on every engine that works here."""
     every, both = list(cases()), (*SENSORS, *RENDERERS)
     here = [engine for engine in both if not problem_of(engine)]
 
@@ -318,7 +318,7 @@ def stress(progress: Progress) -> Study:
 
 
 def picture(answers: Sequence[Answer], engines: Sequence[str]) -> Dots:
-    """The largest deviation of each theme on each engine."""
+    """Draw the largest deviation of each theme on each engine."""
     worst: dict[tuple[str, str], float] = {}
     for one in answers:
         key = one.engine, one.case.theme
@@ -335,13 +335,13 @@ def picture(answers: Sequence[Answer], engines: Sequence[str]) -> Dots:
         series,
         (1.0, "limit"),
         log_x=True,
-        note="Averages may be off by 5 standard errors and the roundings of the precision, renders by those of a "
-        "float32 sum, frames with the smallest divisors by 1 DN. Deviations of 0 are not shown.",
+        note="Averages may deviate by 5 standard errors plus rounding, renders by the rounding of a float32 sum, and "
+        "frames with the smallest divisors by 1 DN. Deviations of 0 are not shown.",
     )
 
 
 def cases_table(answers: Sequence[Answer], engines: Sequence[str]) -> Table:
-    """Every case on every engine."""
+    """Return a table of every case on every engine."""
     texts: dict[Case, dict[str, Answer]] = {}
     for one in answers:
         texts.setdefault(one.case, {})[one.engine] = one
@@ -351,4 +351,4 @@ def cases_table(answers: Sequence[Answer], engines: Sequence[str]) -> Table:
         cells = (told[name].text if name in told else None for name in engines)
         rows.append((mark, (case.theme, case.given, *cells)))
     headings = f"theme | case | {' | '.join(engines)}"
-    return table("All cases", headings, rows, "Deviation over the allowed one.")
+    return table("All cases", headings, rows, "Deviation over the allowed deviation.")

@@ -1,4 +1,4 @@
-"""``study work-precision``: error against run time, of the light that is rendered and of the frames made from it."""
+"""``study work-precision``: error versus run time of the rendered light and of the frames made from it."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ from .kit import (
 
 SIDES = ("render", "sensor")
 RENDERS: dict[str, Options] = {
-    "as shipped": {},
+    "default": {},
     "one band": {"bandwidth_nm": 470.0},
     "channels": {"spectral": "channels"},
     "denoised": {"denoise": True},
 }
-"""Options of a render; the first is compared on every variant."""
+"""Render options; the first set is compared on every variant."""
 VARIANTS = "cuda_ad_spectral", "llvm_ad_spectral", "scalar_spectral"
 ENGINES: tuple[tuple[Any, str], ...] = (
     ("numpy", "float32"),
@@ -43,25 +43,25 @@ ENGINES: tuple[tuple[Any, str], ...] = (
     ("cuda", "float32"),
 )
 TOLERANCES_DN: tuple[float | None, ...] = None, 0.02, 1.0
-"""Of plans; None is the whole chain."""
+"""Tolerances of the plans; None for the whole chain."""
 REFERENCE = "NumPy float64"
-FINER = 4.0
-"""The reference must be so many times finer than the tolerance."""
+REFERENCE_MARGIN = 4.0
+"""Tolerance over the error of the reference, at least."""
 REFERENCE_S, RUN_S = 8.0, 0.6
 """Longest reference, and longest render of a ladder [s]."""
 SPP_MIN, RUNGS_MIN, RUNGS = 16, 3, 7
-"""Samples of the first rung, each of the next has three times as many; fewest and most rungs."""
+"""Samples of the first rung (each next rung has three times as many), fewest and most rungs."""
 DARKEST = 0.1
-"""Of the mean light: the errors of darker pixels are relative to this, or they would be all."""
+"""Errors of darker pixels are relative to this fraction of the mean light, or they would dominate."""
 TURNS, SENSORS, FRAMES, FRAMES_A_TURN = 7, 16, 2, 4
-USUAL_DN, FLOAT32_DN, LEAST_DN = 0.02, 0.01, 1e-5
-"""Tolerance of the recommendation, what float32 may change, and the smallest change on the plot [DN]."""
+TOLERANCE_DN, FLOAT32_DN, DRAWN_MIN_DN = 0.02, 0.01, 1e-5
+"""Tolerance of the recommendation, allowed change by float32, and the smallest drawn change [DN]."""
 SIGNIFICANT = 4.0
-"""Standard errors by which a change may exceed a limit at random, in so many comparisons."""
+"""Standard errors by which chance may exceed a limit in this many comparisons."""
 
 
 class Point(NamedTuple):
-    """What one setting gives.  seconds : median between quartiles, of a render or of a frame."""
+    """Error and run time of one setting.  seconds : median and quartiles, of a render or a frame."""
 
     setting: str
     options: str
@@ -79,38 +79,32 @@ def work_precision(
     variants: Sequence[str] | None = None,
     sides: Sequence[str] = SIDES,
 ) -> Study:
-    """Error against run time of a render and of the frames.
+    """Measure error versus run time of a render and of its frames.
 
-    tolerance : relative rms error of a pixel's electrons for which options are recommended.
-    seeds : independent runs of each setting.  variants : of Mitsuba, the first with all settings.
+    tolerance : relative rms error of a pixel's electrons that the recommended options keep.
+    seeds : independent runs of each setting.  variants : of Mitsuba; the first runs all settings.
     sides : "render", "sensor" or both.
-    Raises InputError for a variant that does not work, and for what :func:`mitsuba_sensor.render` would refuse.
+    Raises InputError for a variant that does not work here.
     """
     if isinstance(sides, str) or not sides or set(sides) - set(SIDES):
         raise ms.InputError(
             f"sides is {sides!r}; it must be one or both of {', '.join(SIDES)}."
         )
-    if not 0 < tolerance <= 1:
-        raise ms.InputError(
-            f"tolerance is {tolerance:g}; it must be a relative error, e.g. 0.01."
-        )
-    if seeds != int(seeds) or seeds < 2:
-        raise ms.InputError(f"seeds is {seeds}; it must be at least 2 runs, e.g. 4.")
     sections = []
     if "render" in sides:
-        sections.append(render_section(subject, tolerance, int(seeds), variants, progress))
+        sections.append(render_section(subject, tolerance, seeds, variants, progress))
     if "sensor" in sides:
         sections.append(sensor_section(subject, progress))
     name = os.path.basename(subject.scene)
-    title = f"Error against run time: {name}, {subject.camera.name}"
+    title = f"Error versus run time: {name}, {subject.camera.name}"
     return study_of("work-precision", title, sections)
 
 
 class Reference(NamedTuple):
     """A long render.
 
-    electrons : mean ones of each pixel, (H, W).  scale : that errors are relative to.  seen : pixels that count.
-    error : relative rms error of its own.
+    electrons : mean of each pixel, (H, W).  scale : what errors are relative to.  seen : compared pixels.
+    error : relative rms error of this render.
     """
 
     electrons: Array
@@ -119,12 +113,12 @@ class Reference(NamedTuple):
     error: float
 
     def square(self, electrons: Array) -> float:
-        """Mean squared relative error of another render, the reference's own error included."""
+        """Return the mean squared relative error of another render, including the reference's error."""
         return float(np.mean(np.square((electrons - self.electrons) / self.scale)[self.seen]))
 
 
 def working_variants(subject: Subject, asked: Sequence[str] | None) -> list[str]:
-    """The variants that are asked for, else those that work here. Raises InputError if none does."""
+    """Return the requested variants, else those that work here. Raises InputError if one does not work."""
     names, problem = [], None
     for name in asked or VARIANTS:
         try:
@@ -138,22 +132,22 @@ def working_variants(subject: Subject, asked: Sequence[str] | None) -> list[str]
 
 
 def rendered(subject: Subject, seed: int, **options: Any) -> tuple[Array, ms.Irradiance]:
-    """Mean electrons of each pixel, (H, W), and the render."""
+    """Render once; return the mean electrons of each pixel, (H, W), and the light."""
     light = subject.render(seed, **{"denoise": False, **options})
     detected = ms.expose(subject.photons(light), subject.camera, subject.exposure).detected
     return np.asarray(detected.mean_e, np.float64), light
 
 
 def reference_of(subject: Subject, settings: Mapping[str, Options]) -> Reference:
-    """A render of some seconds with channels, which have no error of bands, or with the bands as shipped."""
+    """Render the reference with channels, which have no band error, or with the default bands."""
     has_channels = subject.camera.quantum_efficiency.quantum_yield is None
-    options = settings["channels" if has_channels else "as shipped"]
+    options = settings["channels" if has_channels else "default"]
     electrons, light = rendered(subject, 0, max_seconds=REFERENCE_S, **options)
     seen = (electrons > 0) & (electrons < subject.camera.pixel.full_well_e)
     seen = seen if seen.any() else electrons > 0
     scale = np.maximum(electrons, DARKEST * electrons[seen].mean())
-    own = light.relative_error * electrons / scale
-    return Reference(electrons, scale, seen, float(np.sqrt(np.square(own[seen]).mean())))
+    error = light.relative_error * electrons / scale
+    return Reference(electrons, scale, seen, float(np.sqrt(np.square(error[seen]).mean())))
 
 
 def render_section(
@@ -163,7 +157,7 @@ def render_section(
     variants: Sequence[str] | None,
     progress: Progress,
 ) -> Section:
-    """Every way to render the scene against one long render."""
+    """Compare all render settings with one long render."""
     progress("variants", 0.0)
     names = working_variants(subject, variants)
     settings = {name: {**options, "variant": names[0]} for name, options in RENDERS.items()}
@@ -174,7 +168,7 @@ def render_section(
         f"renders {name}": partial(ladder, subject, name, options, exact, tolerance, seeds)
         for name, options in settings.items()
     }
-    points = [point for own in measured(steps, progress).values() for point in own]
+    points = [point for rungs in measured(steps, progress).values() for point in rungs]
     best, advice = recommended(points, exact.error, tolerance)
     picture = Plot(
         "Error of a pixel versus render time",
@@ -182,9 +176,9 @@ def render_section(
         "relative rms error [1]",
         lines_of(points, best),
         levels={f"tolerance {tolerance:g}": tolerance, "error of the reference": exact.error},
-        note="Relative rms error of a pixel's electrons, below the full well; pixels darker than a tenth of the mean "
-        f"count relative to that. The reference's own error ({exact.error:.2g}) is subtracted; smaller errors are not "
-        "shown. Bars are 1 σ, and quartiles of the time.",
+        note="Relative rms error of a pixel's electrons below the full well; errors of pixels darker than a tenth of "
+        f"the mean are relative to that tenth. The reference's error ({exact.error:.2g}) is subtracted; smaller errors "
+        "are not shown. Bars are 1 σ, and quartiles of the time.",
     )
     rows = list[MarkedRow]()
     for one in points:
@@ -202,9 +196,9 @@ def ladder(
     tolerance: float,
     seeds: int,
 ) -> list[Point]:
-    """Renders of one setting, each rung with three times the samples, until one is fine or long enough.
+    """Render one setting with three times the samples on each rung, until a rung is precise or long enough.
 
-    The reference's own error is subtracted; a rung that is not clear of it is left out.
+    The reference's error is subtracted; rungs that do not exceed it are skipped.
     """
     rendered(subject, 0, spp=SPP_MIN, **options)  # compiles
     points = []
@@ -230,22 +224,22 @@ def ladder(
 def recommended(
     points: Sequence[Point], own_error: float, tolerance: float
 ) -> tuple[Point | None, str]:
-    """The fastest point within the tolerance, and a sentence about it."""
+    """Return the fastest point within the tolerance, or None, and a sentence."""
     goal = f"For a relative error of {tolerance:g}"
-    if own_error * FINER > tolerance:
+    if own_error * REFERENCE_MARGIN > tolerance:
         return None, (
-            f"No render is recommended: the reference has an error of {own_error:.2g} itself after {REFERENCE_S:g} s, "
-            f"and it must be {FINER:g} times finer than the tolerance of {tolerance:g}; ask for --tolerance "
-            f"{FINER * own_error * 1.1:.1g} or more."
+            f"No render is recommended: after {REFERENCE_S:g} s, the reference has an error of {own_error:.2g}, which "
+            f"must be at most 1/{REFERENCE_MARGIN:g} of the tolerance of {tolerance:g}; use --tolerance "
+            f"{REFERENCE_MARGIN * own_error * 1.1:.1g} or more."
         )
     best = fastest(points, tolerance)
     if best is None:
-        return None, f"{goal}, none of the measured settings suffices."
+        return None, f"{goal}, no measured setting is sufficient."
     return best, f"{goal}, render with {best.options}: {best.seconds.median:.2g} s."
 
 
 def fastest(points: Sequence[Point], tolerance: float) -> Point | None:
-    """The fastest point whose error, and one standard error more, is within the tolerance."""
+    """Return the fastest point whose error plus one standard error is within the tolerance."""
     fit = [one for one in points if one.error + one.standard_error <= tolerance]
     return min(fit, key=lambda one: one.seconds.median, default=None)
 
@@ -255,7 +249,7 @@ def _middle_first(seconds: Spread) -> tuple[float, float, float]:
 
 
 def typed_options(options: Options, spp: int) -> str:
-    """Options of a render as they are typed."""
+    """Return the options of a render as command-line flags."""
     asked = {"spp": spp, **options}
     denoised = asked.pop("denoise", False)
     typed = [f"--{name.replace('_', '-')} {value}" for name, value in asked.items()]
@@ -265,11 +259,10 @@ def typed_options(options: Options, spp: int) -> str:
 def lines_of(
     points: Sequence[Point], best: Point | None, unit: float = 1.0
 ) -> tuple[Line, ...]:
-    """A line for each setting, and a star on the recommended point.  unit : of the times."""
+    """Return a line for each setting, and a star on the recommended point.  unit : of the times."""
     lines = []
     for name in dict.fromkeys(one.setting for one in points):
-        own = [one for one in points if one.setting == name]
-        lines.append(line(name, [_place(one, unit) for one in own]))
+        lines.append(line(name, [_place(one, unit) for one in points if one.setting == name]))
     if best is not None:
         place = _place(best, unit)[:2]
         lines.append(line(f"recommended: {best.options}", [place], joined=False, star=True))
@@ -280,14 +273,14 @@ def _place(one: Point, unit: float) -> tuple[float, float, float, float]:
     seconds = one.seconds
     return (
         unit * seconds.median,
-        max(one.error, LEAST_DN),
+        max(one.error, DRAWN_MIN_DN),
         one.standard_error,
         unit * (seconds.high - seconds.low) / 2,
     )
 
 
 def sensor_section(subject: Subject, progress: Progress) -> Section:
-    """Frames of every engine, precision and plan against those of NumPy in float64 with the same random numbers."""
+    """Compare frames of every engine, precision and plan with NumPy in float64 and the same random numbers."""
     progress("light", 0.0)
     photons = subject.photons(subject.render(1, spp=32, denoise=False))
     settings, absent = dict[str, Options](), list[str]()
@@ -328,21 +321,21 @@ def sensor_section(subject: Subject, progress: Progress) -> Section:
         points.append(Point(name, name, spread(seconds[name]), size, float(error[worst])))
         times = (1e9 * x / pixels for x in _middle_first(points[-1].seconds))
         rows.append(("good" if holds else "bad", (name, *times, *change.tolist(), limit)))
-    best = fastest(points, USUAL_DN)
+    best = fastest(points, TOLERANCE_DN)
     reference_ns = 1e9 * spread(seconds[REFERENCE]).median / pixels
     findings = list(absent)
     if best is not None:
         ns = 1e9 * best.seconds.median / pixels
         findings.insert(
             0,
-            f"For frames within {USUAL_DN:g} DN, use {best.setting}: {ns:.3g} ns per pixel, {reference_ns / ns:.2g} "
-            f"times as fast as {REFERENCE}; mean and σ change by {best.error:.1g} DN at most.",
+            f"For frames within {TOLERANCE_DN:g} DN, use {best.setting}: {ns:.3g} ns per pixel, "
+            f"{reference_ns / ns:.2g} times as fast as {REFERENCE}; mean and σ change by at most {best.error:.1g} DN.",
         )
     shape = f"{photons.mean.shape[1]} × {photons.mean.shape[0]}"
     note = (
-        f"Each point is one setting: the largest change in mean, temporal σ or spatial σ of frames of {shape} pixels "
-        f"from {REFERENCE} with the same random numbers. Changes below {LEAST_DN:g} DN are drawn there. Bars are 1 σ, "
-        "and quartiles of the time."
+        f"Each point is one setting's largest change of mean, temporal σ or spatial σ from {REFERENCE} with the same "
+        f"random numbers, in frames of {shape} pixels. Changes below {DRAWN_MIN_DN:g} DN are drawn there. Bars are "
+        "1 σ, and quartiles of the time."
     )
     picture = Plot(
         "Frame error versus run time",
@@ -350,7 +343,7 @@ def sensor_section(subject: Subject, progress: Progress) -> Section:
         "largest change [DN]",
         lines_of(points, best, 1e9 / pixels),
         levels={
-            f"tolerance {USUAL_DN:g} DN": USUAL_DN,
+            f"tolerance {TOLERANCE_DN:g} DN": TOLERANCE_DN,
             f"|{REFERENCE}, reference": reference_ns,
         },
         note=note,
@@ -361,21 +354,21 @@ def sensor_section(subject: Subject, progress: Progress) -> Section:
         "Settings of the sensor",
         headings,
         rows,
-        f"{SENSORS} sensors with {FRAMES} frames each; a change may exceed its limit by {SIGNIFICANT:g} standard "
-        "errors. Times are medians between quartiles, in turns.",
+        f"{SENSORS} sensor units with {FRAMES} frames each. A change may exceed its limit by {SIGNIFICANT:g} standard "
+        "errors. Times are medians and quartiles, measured in turns.",
     )
     return Section(tuple(findings), not failed, (picture, shown), failed=tuple(failed))
 
 
 def _take(frames: Iterator[object]) -> int:
-    """Several frames of a stream, of which the next is computed meanwhile; how many."""
+    """Take several frames of a stream, which computes the next frame meanwhile; return their number."""
     for _ in range(FRAMES_A_TURN):
         next(frames)
     return FRAMES_A_TURN
 
 
 def _moments(photons: ms.Photons, subject: Subject, options: Options) -> Array:
-    """Moments of the frames of every sensor."""
+    """Return the moments of the frames of every sensor unit."""
     taken = [
         ms.expose(
             photons,

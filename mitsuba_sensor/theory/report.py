@@ -2,59 +2,19 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from ..camera.camera import Camera
-from ..core import Array, Frame
 from ..sensor.frame_notes import outside_qe
-from ..sensor.run import Strip
 from ..stages.gains import gain_dn_per_e
-from ..stages.stage import UNITS, Chain, Stage, total
+from ..stages.stage import UNITS, Stage
 from .expected import Expectation
 
 
-class FrameObserver:
-    """Follows a frame behind every stage: counts of its clipped pixels."""
-
-    def __init__(self, stages: Chain) -> None:
-        self.stages = stages
-        self.counts: Counter[str] = Counter(
-            clipped_full_well=0, clipped_adc_low=0, clipped_adc_high=0
-        )
-
-    def strip(self, strip: Strip, frame: Frame) -> StripFollower:
-        """Before a strip is computed.  frame : of all its rows."""
-        return StripFollower(self, strip, frame)
-
-    def count(self, counts: Mapping[str, int]) -> None:
-        """Pixels of the masks of one strip."""
-        self.counts.update(counts)
-
-
-class StripFollower:
-    """Sees the signals of one strip."""
-
-    def __init__(self, observer: FrameObserver, strip: Strip, frame: Frame) -> None:
-        self.observer, self.strip, self.frame = observer, strip, frame
-        self.masks: dict[str, Array] = {}
-
-    def behind(self, stage: Stage, signal: Array) -> None:
-        """The signal behind a stage."""
-        self.masks |= stage.marked(total(signal), self.frame)
-
-    def end(self) -> dict[str, Array]:
-        """Masks of the rows that the strip delivers, whose pixels are to be counted."""
-        if self.strip.around == self.strip.rows:
-            return self.masks
-        shape, inside = self.frame.window.shape, self.strip.inside
-        return {name: np.broadcast_to(mask, shape)[inside] for name, mask in self.masks.items()}
-
-
-def report(camera: Camera, expected: Expectation, observer: FrameObserver) -> dict[str, Any]:
+def report(camera: Camera, expected: Expectation, counts: Mapping[str, int]) -> dict[str, Any]:
     """The report of frames, ready for JSON.
 
     ``photons`` (min, median, max per pixel; of electrons where they are ``detected``), ``stages`` (below), ``counts``
@@ -79,7 +39,7 @@ def report(camera: Camera, expected: Expectation, observer: FrameObserver) -> di
             "samples_of_each": 4,
         },
         "stages": [_line(stage, expected) for stage in expected.stages],
-        "counts": dict(observer.counts),
+        "counts": dict(counts),
         "outside_qe": outside_qe(photons, camera),
         "K_dn_per_e": gain_dn_per_e(camera),
     }

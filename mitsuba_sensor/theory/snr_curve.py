@@ -10,6 +10,7 @@ import numpy as np
 
 from ..camera.camera_file import AnyCamera, camera_of
 from ..core import Exposure, InputError, Photons
+from ..core.html import Table, fragment
 from ..core.plots import labelled_axes
 from ..core.types import Float64Array
 from ..sensor.expose import exposure_of_photons
@@ -20,6 +21,14 @@ if TYPE_CHECKING:
 
 SIDE_PX = 64
 """Rows and columns of the uniform pixels, at most."""
+COLUMNS = {
+    "electrons": "signal [e-]",
+    "signal_dn": "signal [DN]",
+    "temporal_dn": "temporal σ [DN]",
+    "spatial_dn": "spatial σ [DN]",
+    "snr": "temporal SNR",
+    "total_snr": "total SNR",
+}
 LEVELS_PER_DECADE, DARKEST_E, BRIGHTEST_OVER_SATURATION = 4, 1.0, 0.9
 
 
@@ -53,6 +62,27 @@ class SnrCurve:
     def __repr__(self) -> str:
         levels = f"{len(self.electrons)} levels from {self.electrons[0]:.4g} to {self.electrons[-1]:.4g} e-"
         return f"<SnrCurve: {self.camera}, {levels}, SNR up to {self.snr.max():.4g}>"
+
+    @property
+    def rows(self) -> list[dict[str, float]]:
+        """Return the numbers of each level by their column."""
+        columns = [getattr(self, name).tolist() for name in COLUMNS]
+        return [dict(zip(COLUMNS, row, strict=True)) for row in zip(*columns, strict=True)]
+
+    def explain(self) -> str:
+        """Return the curve as a table for people."""
+        head = "".join(f"{name:>16}" for name in COLUMNS.values())
+        lines = ["".join(f"{x:>16.5g}" for x in row.values()) for row in self.rows]
+        return "\n".join([self._title, head, *lines])
+
+    def _repr_html_(self) -> str:
+        rows = [[f"{x:.5g}" for x in row.values()] for row in self.rows]
+        return fragment(self._title, Table([*COLUMNS.values()], rows))
+
+    @property
+    def _title(self) -> str:
+        exposure = self.exposure
+        return f"SNR of {self.camera} in {exposure.time_s:g} s at {exposure.temperature_k:g} K"
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw both SNR curves and the limit by shot noise with Matplotlib; return the axes."""

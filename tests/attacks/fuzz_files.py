@@ -59,122 +59,16 @@ ROOT = Path(__file__).resolve().parents[2]
 KINDS = ("dataset", "camera", "motion", "scene", "lens", "curves", "pixels")
 SUFFIXES = {"scene": ".xml", "lens": ".json", "curves": ".csv"}  # else .toml
 LONGEST = 1500  # characters of a sentence
-LINE = re.compile(r'^(\s*)("[^"]+"|[\w.]+)(\s*=\s*)(.+)$', re.MULTILINE)
-NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
-ATTRIBUTE = re.compile(r'([\w-]+)="([^"]*)"')
-VALUES = (
-    "-1",
-    "0",
-    "1e308",
-    "-1e-308",
-    "nan",
-    "inf",
-    "-inf",
-    "1e400",
-    "9" * 400,
-    "9" * 5000,
-    "true",
-    '""',
-    '"x"',
-    "[]",
+TOKEN = re.compile(r'"[^"\n]*"|[\w.+-]+|[^\s\w]')
+"""A quoted text, a word or number, or another character of a text."""
+DATA = Path(__file__).parents[1] / "data" / "fuzz"
+VALUES = json.loads((DATA / "values.json").read_text("utf-8"))
+"""Texts that replace a value."""
+TABLES: dict[str, Any] = json.loads((DATA / "tables.json").read_text("utf-8"))
+"""Kind of file → valid content."""
+MOTION, POSES, DATASET = (
+    (DATA / f"{name}.toml").read_text("utf-8") for name in ("motion", "poses", "dataset")
 )
-VALUES += (
-    "{}",
-    "[[[]]]",
-    '"\\u0000"',
-    "1979-05-27",
-    "[1, nan, 3]",
-    '"../../../etc/passwd"',
-    "-0.0",
-    "[" * 200 + "]" * 200,
-)
-VALUES += (
-    "2147483648",
-    "18446744073709551616",
-    "0.1",
-    '["a", "b"]',
-    "'''\n\n'''",
-    '"none"',
-    "1_000",
-    "0x10",
-)
-TEXTS = (
-    "",
-    "-1",
-    "nan",
-    "1e400",
-    "9" * 400,
-    "../../../etc/passwd",
-    "$none",
-    "$",
-    "a" * 5000,
-    "\t",
-    "0, 0, 0",
-    "ä\U0001f600",
-)
-TEXTS += (
-    "&#0;",
-    "&amp;",
-    "scene",
-    "0",
-    "1e-45",
-    "2147483648",
-    "true",
-    "-2147483649",
-    "plugins/x",
-    "x.so",
-    "perspective",
-)
-MOTION = """[camera]
-axis = [0, 1, 0]
-rotate_deg_per_s = 20
-pivot_m = [0, 0, 0]
-[[objects.ball.keys]]
-time_s = 0
-[[objects.ball.keys]]
-time_s = 0.02
-move_m = [0.1, 0, 0]
-[[objects.fan.keys]]
-time_s = 0.5
-turn_deg = 30
-axis = [0, 0, 1]
-[objects.fan]
-pivot_m = [0, 0.2, -1]
-"""
-POSES = """[[camera.keys]]
-time_s = 0
-origin_m = [0, 1, 4]
-target_m = [0, 1, 0]
-[[camera.keys]]
-time_s = 0.1
-to_world = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 3], [0, 0, 0, 1]]
-"""
-DATASET = """name = "fuzz"
-outputs = ["raw", "clean"]
-[render]
-spp = 16
-width = 16
-[[scenes]]
-name = "one"
-file = "scenes/cornell_box.xml"
-parameters = {lamp_cd_per_m2 = 500}
-views = [{origin_m = [0, 1, 3], target_m = [0, 1, 0]}]
-[[scenes]]
-name = "two"
-file = "scenes/rolling_fan.xml"
-motion = "scenes/rolling_fan.toml"
-[[cameras]]
-camera = "konnik_table1"
-set = {"adc.bits" = 12}
-without = ["prnu"]
-[grid]
-exposure_s = [0.001, 0.01]
-[random]
-draws = 3
-values.temperature_k = {uniform = [280, 300]}
-[splits]
-shares = {train = 0.5, test = 0.5}
-"""
 
 
 def sources(kind: str) -> list[str]:
@@ -240,13 +134,8 @@ def _damaged_text(kind: str, draw: random.Random) -> bytes:
     text = draw.choice(sources(kind))
     if draw.random() < 0.35:
         return _with_wrong_bytes(text.encode(), draw)
-    change = {
-        "scene": _with_wrong_attribute,
-        "lens": _with_wrong_field,
-        "curves": _with_wrong_cell,
-    }.get(kind, _with_wrong_line)
     for _ in range(draw.choice((1, 1, 1, 2, 4))):
-        text = change(text, draw)
+        text = _with_wrong_token(text, draw)
     return text.encode("utf-8", "surrogatepass")
 
 
@@ -266,101 +155,29 @@ def _with_wrong_bytes(content: bytes, draw: random.Random) -> bytes:
         elif how == 3:
             data[start:start] = draw.randbytes(draw.choice((1, 4, 40)))
         elif how == 4:
-            data[start:start] = draw.choice(
-                (
-                    b"\x00",
-                    b'"',
-                    b"]",
-                    b"[[",
-                    b"<",
-                    b"/>",
-                    b"<!--",
-                    b"&",
-                    b"'''",
-                    b"\xff\xfe",
-                    b"=",
-                )
-            )
+            data[start:start] = draw.choice(b"\x00 \" ] [[ < /> <!-- & ''' \xff\xfe =".split())
         elif draw.random() < 0.2:
             del data[start:]
     return bytes(data)
 
 
-def _with_wrong_line(text: str, draw: random.Random) -> str:
-    """One line ``key = value`` or one heading of TOML: another value, a misspelt key, no line, two of them."""
-    lines = text.splitlines()
-    places = [k for k, line in enumerate(lines) if LINE.match(line) or line.startswith("[")]
-    if not places:
+def _with_wrong_token(text: str, draw: random.Random) -> str:
+    """Change a word, number or quoted text: misspell, replace or scale it; or delete or repeat a line."""
+    how, lines = draw.randrange(7), text.splitlines()
+    if how < 2:
+        place = draw.randrange(len(lines) or 1)
+        lines[place : place + 1] = lines[place : place + 1] * (2 * how)
+        return "\n".join(lines) + "\n"
+    token = draw.choice([*TOKEN.finditer(text)] or [None])
+    if token is None:
         return text
-    place, how = draw.choice(places), draw.randrange(7)
-    found = LINE.match(lines[place])
-    if how == 0 and found:
-        lines[place] = f"{found[1]}{misspelt(found[2], draw)}{found[3]}{found[4]}"
-    elif how == 1:
-        del lines[place]
-    elif how == 2:
-        lines.insert(draw.randrange(len(lines)), lines[place])
-    elif found and how in (3, 4):
-        lines[place] = f"{found[1]}{found[2]}{found[3]}{_with_wrong_number(found[4], draw)}"
-    elif found:
-        lines[place] = f"{found[1]}{found[2]}{found[3]}{draw.choice(VALUES)}"
+    old = token[0].strip('"')
+    if how == 2 and re.fullmatch(r"-?\d+(\.\d+)?(e-?\d+)?", old):
+        new = repr(float(old) * draw.choice((-1, 0, 1e-3, 1e3, 1e6, 1e-30, 1e30, 1.1)))
     else:
-        lines[place] = misspelt(lines[place], draw)
-    return "\n".join(lines) + "\n"
-
-
-def _with_wrong_attribute(text: str, draw: random.Random) -> str:
-    """One attribute of XML: another value, a misspelt name or value; or a tag that is misspelt."""
-    found = draw.choice(list(ATTRIBUTE.finditer(text)) or [None])  # type: ignore[list-item]
-    if found is None:
-        return text
-    name, value, how = found[1], found[2], draw.randrange(4)
-    if how == 0:
-        name = misspelt(name, draw)
-    elif how == 1:
-        value = misspelt(value, draw)
-    elif how == 2:
-        value = draw.choice(TEXTS)
-    else:
-        tags = list(re.finditer(r"</?(\w+)", text))
-        tag = draw.choice(tags)
-        return text[: tag.start(1)] + misspelt(tag[1], draw) + text[tag.end(1) :]
-    return f'{text[: found.start()]}{name}="{value}"{text[found.end() :]}'
-
-
-def _with_wrong_number(value: str, draw: random.Random) -> str:
-    """One number of a value times a factor."""
-    numbers = list(NUMBER.finditer(value))
-    if not numbers:
-        return value
-    one, factor = draw.choice(numbers), draw.choice((-1, 0, 1e-3, 1e3, 1e6, 1e-30, 1e30, 1.1))
-    return f"{value[: one.start()]}{float(one[0]) * factor!r}{value[one.end() :]}"
-
-
-def _with_wrong_field(text: str, draw: random.Random) -> str:
-    """One name or number of JSON: misspelt, times a factor, or another value."""
-    if draw.random() < 0.5:
-        return _with_wrong_number(text, draw)
-    found = draw.choice(list(re.finditer(r'"(\w+)"\s*:\s*([^,\[\]{}]*)', text)))
-    if draw.random() < 0.5:
-        return text[: found.start(1)] + misspelt(found[1], draw) + text[found.end(1) :]
-    return (
-        text[: found.start(2)]
-        + draw.choice((*VALUES, "null", "NaN", "Infinity"))
-        + text[found.end(2) :]
-    )
-
-
-def _with_wrong_cell(text: str, draw: random.Random) -> str:
-    """One cell of CSV, or the line that it is in."""
-    rows = [row.split(",") for row in text.splitlines()]
-    row = draw.choice(rows)
-    if draw.random() < 0.3:
-        rows.insert(draw.randrange(len(rows)), row)
-    row[draw.randrange(len(row))] = draw.choice(
-        (*TEXTS, misspelt(row[0], draw), "inf", "-5", "1e30", "wavelength_nm")
-    )
-    return "\n".join(",".join(row) for row in rows)
+        new = misspelt(old, draw) if how < 5 else draw.choice(VALUES)
+    quote = '"' if token[0][0] == '"' and how != 6 else ""
+    return f"{text[: token.start()]}{quote}{new}{quote}{text[token.end() :]}"
 
 
 def misspelt(name: str, draw: random.Random) -> str:
@@ -586,107 +403,7 @@ def _elements(value: Any) -> str:
     return "".join(letter for letter in text if letter.isprintable())  # XML has no others
 
 
-MATRIX = {"rows": 3, "cols": 3, "data": [500.0, 0.0, 320.0, 0.0, 500.0, 240.0, 0.0, 0.0, 1.0]}
-OPENCV = {
-    "image_width": 640,
-    "image_height": 480,
-    "fisheye_model": 0,
-    "camera_matrix": MATRIX,
-    "distortion_coefficients": {"rows": 1, "cols": 5, "data": [-0.2, 0.05, 0.0, 0.0, 0.01]},
-}
-ROS = {**OPENCV, "camera_name": "left", "distortion_model": "plumb_bob"}
-TRANSFORMS = {
-    "camera_model": "OPENCV",
-    "fl_x": 500.0,
-    "fl_y": 500.0,
-    "cx": 320.0,
-    "cy": 240.0,
-    "w": 640,
-    "h": 480,
-    "k1": -0.2,
-    "p1": 0.0,
-    "frames": [
-        {"file_path": "a.png", "fl_x": 500.0, "transform_matrix": [[1.0, 0.0], [0.0, 1.0]]}
-    ],
-}
-ANGLES = {"camera_angle_x": 0.8, "w": 64, "h": 32, "frames": [{"file_path": "a"}]}
-TUNING = {
-    "version": 2.0,
-    "target": "bcm2835",
-    "algorithms": [
-        {"rpi.black_level": {"black_level": 4096}},
-        {"rpi.noise": {"reference_constant": 40, "reference_slope": 2.7}},
-        {"rpi.alsc": {"luminance_lut": [1.0 + 0.001 * k for k in range(192)]}},
-    ],
-}
-ROW = {
-    "iso": 100,
-    "K": 0.1,
-    "lam": 0.14,
-    "sigGs": 1.0,
-    "sigTL": 0.7,
-    "sigR": 0.1,
-    "wp": 16383,
-    "bl": 512,
-}
-NOISE_TABLE = {"A_100": ROW, "B_200": {**ROW, "iso": 200, "K": 0.2}}
-REPORT = {
-    "K": 0.2,
-    "QE": 55.0,
-    "sigma_d": 3.0,
-    "u_e_sat": 12000.0,
-    "u_I_mean": 1.5,
-    "PRNU1288": 0.8,
-    "DSNU1288": 1.1,
-}
-PRESET = {
-    "name": "Example",
-    "sensor_type": "SCMOS",
-    "resolution": [512, 640],
-    "pixel_size_um": 6.5,
-    "full_well_e": 30000.0,
-    "bit_depth": 12,
-    "bias_offset_adu": 100.0,
-    "read_noise_e": 1.5,
-    "gain_e_per_adu": 8.0,
-    "dark_current_e_per_s": 0.1,
-    "dark_current_ref_temp_c": -10.0,
-    "prnu": 0.01,
-    "qe_curve": {"wavelength_nm": [400.0, 500.0, 600.0], "qe": [0.5, 0.8, 0.6]},
-}
-BENCH = {
-    "bits": 12,
-    "wavelength_nm": 550.0,
-    "tile": [["R", "G"], ["G", "B"]],
-    "stack": [
-        {
-            "files": "dark*.tiff",
-            "kind": "dark",
-            "exposure_s": 0.1,
-            "photons": 0.0,
-            "temperature_k": 300.0,
-            "gain": "1",
-        },
-        {"files": ["flat.tiff"], "kind": "flat", "exposure_s": 0.1, "photons": 500.0},
-    ],
-}
-OWN_FACTS = {
-    "exposure_s": 0.01,
-    "temperature_k": 300.0,
-    "gain": "100",
-    "white_level_dn": 4095,
-    "black_level_dn": 64.0,
-    "cfa_pattern": [["R", "G"], ["G", "B"]],
-}
 HEADERS = "bandwidths_nm", "first_pixel", "render_statistics", "rendered_for"
-FITS_CARDS = {
-    "EXPTIME": 0.5,
-    "CCD-TEMP": -10.0,
-    "GAIN": 120,
-    "BAYERPAT": "RGGB",
-    "IMAGETYP": "dark",
-    "NOTE": "x",
-}
 
 
 class Kind(NamedTuple):
@@ -842,20 +559,20 @@ def kinds() -> list[Kind]:
         Kind("poses.toml", tomllib.loads(POSES), as_text(toml), READERS["motion"]),
         Kind("lens.json", lens, text, READERS["lens"]),
         Kind("iset.json", iset, text, READERS["lens"]),
-        Kind("transforms.json", TRANSFORMS, text, imported),
-        Kind("angles.json", ANGLES, text, imported),
-        Kind("tuning.json", TUNING, text, imported),
-        Kind("table.json", NOISE_TABLE, text, imported),
-        Kind("rows.json", [*NOISE_TABLE.values()], text, imported),
-        Kind("opencv.yml", OPENCV, text, imported),  # JSON is YAML
-        Kind("ros.yaml", ROS, text, imported),
-        Kind("opencv.xml", OPENCV, as_text(storage), imported),
-        Kind("ros.xml", ROS, as_text(storage), imported),
-        Kind("report.xml", REPORT, as_text(emva_report), imported),
-        Kind("preset.toml", PRESET, as_text(toml), imported),
-        Kind("bench.toml", BENCH, as_text(toml), read_folder),
-        Kind("described.tiff", OWN_FACTS, write_described_tiff, read_frames),
-        Kind("frame.fits", FITS_CARDS, write_fits, read_frames),
+        Kind("transforms.json", TABLES["transforms"], text, imported),
+        Kind("angles.json", TABLES["angles"], text, imported),
+        Kind("tuning.json", TABLES["tuning"], text, imported),
+        Kind("table.json", TABLES["noise_table"], text, imported),
+        Kind("rows.json", [*TABLES["noise_table"].values()], text, imported),
+        Kind("opencv.yml", TABLES["opencv"], text, imported),  # JSON is YAML
+        Kind("ros.yaml", TABLES["ros"], text, imported),
+        Kind("opencv.xml", TABLES["opencv"], as_text(storage), imported),
+        Kind("ros.xml", TABLES["ros"], as_text(storage), imported),
+        Kind("report.xml", TABLES["report"], as_text(emva_report), imported),
+        Kind("preset.toml", TABLES["preset"], as_text(toml), imported),
+        Kind("bench.toml", TABLES["bench"], as_text(toml), read_folder),
+        Kind("described.tiff", TABLES["own_facts"], write_described_tiff, read_frames),
+        Kind("frame.fits", TABLES["fits_cards"], write_fits, read_frames),
         Kind("light.exr", parts_of_light()[0], write_light, read_light),
     ]
 

@@ -73,17 +73,6 @@ def test_a_folder_becomes_a_camera_file_with_maps_and_a_page(
     assert run("--frames", frames, "-o", tmp_path / "mine.toml")[0] == 2, "needs --force"
 
 
-def test_a_corrupt_file_is_named_and_nothing_is_written(frames: Path, tmp_path: Path) -> None:
-    broken = tmp_path / "broken"
-    broken.mkdir()
-    for one in frames.iterdir():
-        (broken / one.name).write_bytes(one.read_bytes())
-    (broken / "flat_3.npy").write_bytes((frames / "flat_3.npy").read_bytes()[:1000])
-    code, text = run("--frames", broken, "-o", tmp_path / "new" / "mine.toml")
-    assert code == 2 and "flat_3.npy cannot be read" in " ".join(text.split())
-    assert not (tmp_path / "new").exists()
-
-
 def test_frames_that_show_no_gain_write_nothing(frames: Path, tmp_path: Path) -> None:
     lines = (frames / "bench.toml").read_text("utf-8").split("[[stack]]")
     only_dark = "[[stack]]".join(one for one in lines if "flat" not in one)

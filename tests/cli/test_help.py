@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import inspect
-import json
 import os
 import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -21,29 +19,9 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.capture_options import CaptureOptions
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.core.options import declared
-from mitsuba_sensor.output.exr import write_irradiance_exr
 from mitsuba_sensor.render.options import UnitOptions
 
 PROGRAM = typer.main.get_command(app)
-
-
-@pytest.fixture
-def light_of_two_lamps(tmp_path: Path) -> Path:
-    lamps = "".join(
-        f"<shape type='rectangle'><transform name='to_world'><translate x='{x}' y='0' z='0'/></transform>"
-        f"<emitter type='area' id='{name}'><spectrum name='radiance' value='1'/></emitter></shape>"
-        for name, x in (("a", -1), ("b", 1))
-    )
-    view = "<lookat origin='0, 0, 5' target='0, 0, 0' up='0, 1, 0'/>"
-    sensor = (
-        f"<sensor type='perspective'><transform name='to_world'>{view}</transform></sensor>"
-    )
-    scene = tmp_path / "lamps.xml"
-    integrator = "<integrator type='path'/>"
-    scene.write_text(f"<scene version='3.0.0'>{integrator}{sensor}{lamps}</scene>", "utf-8")
-    found = ms.render(str(scene), light_groups="auto", width=8, spp=4, denoise=False)
-    write_irradiance_exr(tmp_path / "irradiance.exr", found)
-    return tmp_path / "irradiance.exr"
 
 
 def commands(
@@ -126,16 +104,6 @@ def test_commands_stand_in_the_order_of_use() -> None:
     names += ["dataset", "characterize", "sheet", "fit", "study", "doctor"]
     assert re.findall(r"^│ ([a-z][a-z-]+) ", said("--help"), flags=re.M) == names
     assert {path[0] for path in COMMANDS if path} == set(names)
-
-
-def test_plan_takes_the_levels_of_lamps(light_of_two_lamps: Path) -> None:
-    """With half the light a pixel has half the photoelectrons."""
-    means = []
-    for level in ("1", "0.5"):
-        arguments = ["plan", str(light_of_two_lamps), "--exposure-s", "0.01", "--json"]
-        lights = ["--light", f"a={level}", "--light", f"b={level}"]
-        means.append(json.loads(said(*arguments, *lights))["range"]["brightest_e"])
-    assert means[1] == pytest.approx(means[0] / 2)
 
 
 def proposed(line: str) -> list[str]:

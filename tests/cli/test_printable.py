@@ -183,13 +183,3 @@ def test_a_pipe_that_nobody_reads_changes_nothing(
     os.close(writer)
     assert done.returncode == exit_code and b"Traceback" not in done.stderr
     assert b"Broken pipe" not in done.stderr
-
-
-def test_errors_that_nobody_reads_leave_the_exit_code() -> None:
-    """`2>&1 | head -0` reads neither output nor errors."""
-    reader, writer = os.pipe()
-    os.close(reader)
-    arguments = ("render", "no_scene.xml", "-o", "out")
-    done = subprocess.run([*PROGRAM, *arguments], stdout=writer, stderr=writer, timeout=WAIT_S)
-    os.close(writer)
-    assert done.returncode == 2

@@ -19,7 +19,7 @@ from helpers.waiting import WAIT_S, wait_until
 from mitsuba_sensor import stopping
 
 PROGRAM = [sys.executable, "-m", "mitsuba_sensor"]
-NOTHING_YET = "stopped; 0 samples are complete; the same command goes on from there"
+NOTHING_YET = "stopped; 0 samples are complete; the same command continues from there"
 SMALL = """
 name = "small"
 render = { width = 16, spp = 2000000 }

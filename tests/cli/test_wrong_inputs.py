@@ -108,6 +108,13 @@ def commands_of(line: str) -> list[str]:
     return words[: 2 if words[0] in ("cameras", "scenes", "study", "dataset") else 1]
 
 
+def test_an_unknown_command_is_told_in_json_if_json_is_asked_for(
+    cli: Callable[..., Any],
+) -> None:
+    done = cli("rendr", "--json")
+    assert done.exit_code == 2 and "'render'" in json.loads(done.stdout)["error"]
+
+
 def test_the_table_is_one_of_a_hundred_different_inputs() -> None:
     assert len({*ROWS}) == len(ROWS) > 100
 

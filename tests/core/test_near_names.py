@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-import mitsuba_sensor as ms
 from mitsuba_sensor.core.near_names import closest
 
 KNOWN = ("one_file", "exposure_s", "bayer_2mp", "konnik_table1", "pixel.full_well_e", "spp")
@@ -31,9 +30,3 @@ def test_a_misspelling_a_part_and_a_beginning_are_close(written: str, meant: str
 def test_names_that_only_share_letters_are_not_close(written: str) -> None:
     """`nofile` was answered with one_file, `exposure_stop` with exposure_s."""
     assert closest(written, KNOWN) is None
-
-
-def test_a_scene_file_that_is_missing_is_said_to_be_missing() -> None:
-    with pytest.raises(ms.InputError, match=r"^there is no file 'nofile.xml'; ") as raised:
-        ms.capture("nofile.xml")
-    assert "Did you mean" not in str(raised.value)

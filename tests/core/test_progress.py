@@ -17,9 +17,8 @@ from mitsuba_sensor.core.progress import (
     told_outside,
 )
 from mitsuba_sensor.render.passes.stop_criterion import (
-    FILES,
     RenderProgress,
-    Series,
+    standing,
     told_progress,
 )
 
@@ -61,17 +60,17 @@ def test_a_line_is_written_every_ten_seconds_and_none_before(clock: Clock) -> No
 
 
 def test_a_series_of_renders_counts_those_that_follow() -> None:
-    series = Series({"frames": 4, "first_frame": 5, "render_noise": "per-frame"})
+    series = {"frames": 4, "first_frame": 5, "render_noise": "per-frame"}
     step = RenderProgress(1, 10, seconds=20.0, frame=6)
-    assert series.standing(step) == ("rendering frame 2 of 4", pytest.approx(1.1 / 4))
-    assert series.standing(RenderProgress(7, 0, frame=6)).share == 1 / 4
-    once = Series({"frames": 3})
-    assert once.standing(step) == ("rendering", 0.1)
-    assert math.isnan(once.standing(RenderProgress(7, 0)).share), "a noise ratio ends it"
+    assert standing(step, series) == ("rendering frame 2 of 4", pytest.approx(1.1 / 4))
+    assert standing(RenderProgress(7, 0, frame=6), series)[1] == 1 / 4
+    once = {"frames": 3}
+    assert standing(step, once) == ("rendering", 0.1)
+    assert math.isnan(standing(RenderProgress(7, 0), once)[1]), "a noise ratio ends it"
     exposing = RenderProgress(1, 4, seconds=1.0, doing="exposing")
-    assert once.standing(exposing) == ("exposing frame 2 of 4", 0.25)
-    last = once.standing(RenderProgress(3, 3, doing="exposing"))
-    assert last.doing == FILES and math.isnan(last.share)
+    assert standing(exposing, once) == ("exposing frame 2 of 4", 0.25)
+    doing, fraction = standing(RenderProgress(3, 3, doing="exposing"), once)
+    assert doing == "report and files" and math.isnan(fraction)
 
 
 def test_a_render_in_python_says_how_far_it_is(clock: Clock, written: list[str]) -> None:

@@ -54,7 +54,7 @@ def test_a_worker_of_another_version_is_refused_with_both_versions(
         return {**made_by(), **({"mitsuba": "0.1"} if is_worker else {})}
 
     no_renders.setattr(engine, "made_by", other)
-    with pytest.raises(InputError, match=r"a worker .* has mitsuba 0\.1, and this run has 3"):
+    with pytest.raises(InputError, match=r"a worker .* has mitsuba 0\.1, but this run has 3"):
         make(tmp_path / "out", scheduler=address)
 
 

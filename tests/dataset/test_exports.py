@@ -435,15 +435,13 @@ X, Y = posed("x", 0), posed("y", 0)
         (
             [*(posed("x", v) for v in (0, 1, 2)), *(posed("y", v) for v in (2, 0))],
             [{"x": [0, 1, 2]}, {"y": [0, 2]}],
-            "no times of their own",
+            "have no times",
         ),
-        ([X, posed("x", 1), Y, posed("y", 1)], [{"x": [0, 1], "y": [0, 1]}], "0.1 s apart"),
         (
             [posed("x", 3), posed("x", 3), posed("x", 1)],
             [{"x": [1, 3]}, {"x": [3]}],
             "0.1 s",
         ),
-        ([posed("x", v, gain=g) for v in (0, 1) for g in (1, 2)], [{"x": [0, 1]}] * 2, ""),
         (
             [posed("x", v, time_s=t) for v, t in enumerate((3.0, 1.0, 2.0))],
             [{"x": [1, 2, 0]}],
@@ -455,7 +453,7 @@ X, Y = posed("x", 0), posed("y", 0)
             "0.1 s apart",
         ),
     ],
-    ids=["other views", "a rig", "equal settings", "other settings", "times", "no rig"],
+    ids=["other views", "equal settings", "times", "no rig"],
 )
 def test_cameras_of_a_sequence_have_frames_at_the_same_times(
     samples: list[Posed],
@@ -515,11 +513,11 @@ def test_what_a_format_cannot_have_is_left_out_by_name_or_refused(
     ("format", "options", "message"),
     [
         ("coco", {"arrays": ["raw"]}, "arrays is an option of parquet, webdataset, hdf5"),
-        ("hdf5", {"shard_mb": 5}, "shard_mb is an option of parquet, webdataset, and"),
+        ("hdf5", {"shard_mb": 5}, "shard_mb is an option of parquet, webdataset, but"),
         ("ros", {"images": "raw"}, "images is an option of coco, .*the format is ros; omit"),
         ("coco", {"images": "jpeg"}, "images is 'jpeg'; it must be one of preview, raw"),
         ("hdf5", {"arrays": ["colour"]}, "a sample has no 'colour'"),
-        ("parquet", {"arrays": ["companded"]}, "companded needs in the outputs"),
+        ("parquet", {"arrays": ["companded"]}, "add 'companded' to the outputs"),
         ("card", {"split": "x"}, "split is 'x'; the samples have"),
     ],
 )
@@ -542,7 +540,9 @@ def test_rows_and_splits_are_those_that_hugging_face_can_have(
     with pytest.raises(ms.InputError, match=r"a-b, a_b are the same for Hugging Face"):
         parquet.names_of_splits(["a-b", "a_b"])
     monkeypatch.setattr(parquet, "ROW_BYTES_MAX", 1000)
-    with pytest.raises(ms.InputError, match=r"bytes of images, and a row of Parquet 1000 at"):
+    with pytest.raises(
+        ms.InputError, match=r"bytes of images, but a row of Parquet takes at most 1000"
+    ):
         export(made, "parquet", tmp_path / "out")
     sizes = [300, 300, 300, 5000, 10, *[1] * 250]
     rows = (({"x": bytes(size), "n": n}, size) for n, size in enumerate(sizes))
@@ -645,7 +645,7 @@ def test_a_damaged_shard_is_not_exported_and_a_missing_one_only_on_request(
     content = bytearray(shard.read_bytes())
     content[len(content) // 2] ^= 1
     shard.write_bytes(content)
-    with pytest.raises(ms.InputError, match=f"{shard.name} is not as it was written"):
+    with pytest.raises(ms.InputError, match=f"{shard.name} has changed"):
         export(copy, "card", tmp_path / "out")
     shard.unlink()
     there = len(ms.Dataset(copy))

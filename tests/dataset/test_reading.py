@@ -16,14 +16,17 @@ from PIL import Image
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.dataset import TorchDataset, batches, make_dataset
-from mitsuba_sensor.dataset.card import SAMPLES_READ_MAX, caption, sheet_rows, time_text
+from mitsuba_sensor.dataset.card import (
+    SAMPLES_READ_MAX,
+    caption,
+    columns_of,
+    less_render_noise,
+    sheet_rows,
+)
 from mitsuba_sensor.dataset.store import Row, Store
 from mitsuba_sensor.optics.spectra import inverse_srgb_curve, srgb_curve
 from mitsuba_sensor.output.contact_sheet import (
-    Captioned,
-    SheetRow,
     brightened,
-    contact_sheet,
 )
 
 FILE = """
@@ -90,6 +93,8 @@ def test_samples_are_found_by_scene_view_and_exposure(made: Path) -> None:
     ]
     assert len(samples.where(exposure_s=2.2e-5 * (1 + 1e-15))) == 6
     assert len(found.where(exposure_ev=0)) == 1 and not len(samples.where(scene="flat", view=0))
+    metered_s = samples[7].facts["image"]["exposure_s"]
+    assert samples[7].key in [x.key for x in samples.where(exposed_s=metered_s)]
 
 
 @pytest.mark.parametrize(
@@ -98,7 +103,7 @@ def test_samples_are_found_by_scene_view_and_exposure(made: Path) -> None:
         ({"scene": "boxx"}, "scene is 'boxx'; the samples have flat, box. Did you mean 'box'?"),
         ({"scene": "box", "view": 7}, "view is 7; the samples have 0, 1."),
         ({"split": "val"}, "split is 'val'; the samples have"),
-        ({"exposure": 1}, "no sample has 'exposure'; what they have: split, "),
+        ({"exposure": 1}, "no sample has 'exposure'; samples have split, "),
     ],
 )
 def test_what_no_sample_has_is_a_sentence_with_what_there_is(
@@ -112,7 +117,7 @@ def test_what_no_sample_has_is_a_sentence_with_what_there_is(
 def test_show_says_what_a_sample_is(
     made: Path, tmp_path: Path, cli: Callable[..., Any]
 ) -> None:
-    """22 µs and 298.15 K as they are; by number and by the beginning of a key."""
+    """By number and by the beginning of a key."""
     sample = ms.Dataset(made)[4]
     facts = json.loads(cli("dataset", "show", made, "4", "--json").stdout)
     by_key = json.loads(cli("dataset", "show", made, sample.key[:8].upper(), "--json").stdout)
@@ -122,21 +127,13 @@ def test_show_says_what_a_sample_is(
     assert facts["noise"]["snr"] == pytest.approx(signal_dn / noise_dn)
     assert facts["files"]["frame.png"] == len(sample.files["frame.png"])
     said = " ".join(cli("dataset", "show", made, "4").stdout.split())
-    assert "22 µs at 298.15 K" in said and "--picture FILE.png writes one" in said
+    assert "exposure_s 2.2e-05" in said and "temperature_k 298.15" in said
     for wrong in ("12", "-1", "abc", "f" * 24, ""):
         done = cli("dataset", "show", made, "--", wrong)
         assert done.exit_code == 2 and "give a number from 0 to 11, or a key" in done.stderr
     place = tmp_path / "four.png"
     assert cli("dataset", "show", made, "4", "--picture", place).exit_code == 0
     np.testing.assert_array_equal(np.asarray(Image.open(place)), sample.read("preview"))
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [(0, "0 s"), (2.2e-5, "22 µs"), (0.0025, "2.5 ms"), (90, "90 s"), (1e-12, "0.001 ns")],
-)
-def test_times_have_the_unit_that_shows_them(seconds: float, text: str) -> None:
-    assert time_text(seconds) == text
 
 
 def test_a_preview_that_is_not_stored_is_developed(made: Path, tmp_path: Path) -> None:
@@ -163,9 +160,17 @@ def test_batches_are_every_sample_once_in_an_order_of_each_epoch(made: Path) -> 
     assert orders[0] == orders[2] != orders[1]
 
 
+def test_pytorch_is_missed_when_a_torch_dataset_is_made(
+    made: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mitsuba_sensor.dataset.training.find_spec", lambda name: None)
+    with pytest.raises(ms.InputError, match="pip install torch"):
+        TorchDataset(ms.Dataset(made))
+
+
 def test_pytorch_loads_samples_in_workers(made: Path) -> None:
     samples = ms.Dataset(made, "test")
-    again = pickle.loads(pickle.dumps(TorchDataset(samples))).samples
+    again = pickle.loads(pickle.dumps(samples))
     assert [x.key for x in again] == [x.key for x in samples]
     torch = pytest.importorskip("torch")
     data = TorchDataset(samples, ("raw", "shape_index"), transform=lambda found: found[:1])
@@ -226,18 +231,6 @@ def test_a_run_that_changes_nothing_leaves_them_and_writes_again_what_is_missing
     (made / "kept").rename(made / "README.md")
 
 
-def test_missing_pictures_are_in_the_card(tmp_path: Path) -> None:
-    text = FILE[: FILE.index("grid")].replace(', "preview", "aovs"', "").replace('"raw", ', "")
-    scenes = '[[scenes]]\nname = "flat"\nfile = "flat_field"\n'
-    (tmp_path / "flat.toml").write_text(
-        text.replace("width = 24", "width = 8") + scenes, "utf-8"
-    )
-    make_dataset(tmp_path / "flat.toml", tmp_path / "out", workers=0)
-    card = (tmp_path / "out/README.md").read_text("utf-8")
-    assert "no contact sheet: neither `preview` nor `raw`" in card
-    assert not (tmp_path / "out/contact_sheet.png").exists()
-
-
 def test_a_card_reads_some_samples_of_a_big_dataset(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Callable[..., Any]
 ) -> None:
@@ -260,6 +253,37 @@ def test_a_row_of_the_sheet_is_a_scene_and_view_and_says_the_exposures(made: Pat
             "full_scale_v 1",
             "full_scale_v 0.1",
         }
+
+
+def test_scenes_with_few_samples_follow_one_another_in_a_sheet(made: Path) -> None:
+    lines = ms.Dataset(made).table
+    rows = sheet_rows(Store(made), [lines[0], lines[4], lines[8]])
+    assert [row.label for row in rows] == [["1 to 2"], ["3"]]
+    captions = [picture.caption[0] for row in rows for picture in row.pictures]
+    assert captions == ["flat", "box, view 0", "box, view 1"]
+
+
+@pytest.mark.parametrize("sizes", [[40], [64], [7], [10, 10, 10], [8] * 8, [40, 1], [2, 3]])
+def test_a_sheet_is_nearly_square(sizes: list[int]) -> None:
+    columns = columns_of(sizes, 1.2)
+    height = sum(-(-size // columns) for size in sizes)
+    assert 0.4 < 1.2 * columns / height < 2.1
+
+
+@pytest.mark.parametrize(
+    ("render", "advised", "not_advised"),
+    [
+        ({}, ("denoise", "larger `spp`", "noise_ratio = 0.1"), ("max_spp` or",)),
+        ({"denoise": True, "spp": 64}, ("without `spp`",), ("denoise",)),
+        ({"noise_ratio": 0.5}, ("larger `max_spp`", "smaller `noise_ratio`"), ("= 0.1",)),
+        ({"noise_ratio": 0.05, "max_spp": 8}, ("larger `max_spp`",), ("noise_ratio",)),
+    ],
+)
+def test_advice_on_render_noise_changes_something(
+    render: dict[str, Any], advised: tuple[str, ...], not_advised: tuple[str, ...]
+) -> None:
+    advice = less_render_noise(render)
+    assert all(x in advice for x in advised) and not any(x in advice for x in not_advised)
 
 
 @pytest.mark.parametrize(
@@ -286,13 +310,6 @@ def test_a_dark_picture_of_a_sheet_is_shown_brighter_by_whole_stops(
     expected = srgb_curve(inverse_srgb_curve(np.array(code / 255)) * factor)
     assert factor == 2**stops
     np.testing.assert_array_equal(picture, np.rint(255 * expected).astype(np.uint8))
-
-
-def test_a_picture_that_cannot_be_read_is_one_sentence(tmp_path: Path) -> None:
-    for content in (b"", b"\x89PNG\r\n\x1a\n"):
-        with pytest.raises(ms.InputError, match="is no picture that can be read") as caught:
-            contact_sheet([SheetRow(["a"], [Captioned(content, ["b"])])])
-        assert "\n" not in str(caught.value)
 
 
 def test_a_notebook_shows_the_picture_of_a_sample_and_the_splits(made: Path) -> None:

@@ -65,9 +65,9 @@ def made(folder: Path, tables: dict[str, Any] | None = None, **scene: Any) -> li
 
 def test_each_pose_is_seen_by_each_sensor_at_its_time(tmp_path: Path) -> None:
     """What moves is where it is then; sensors are other sensor units, with other noise."""
-    samples = made(tmp_path, sensors="all", motion=MOVES, path=PATH)
+    samples = made(tmp_path, sensors="all", motion=MOVES, path={"views": 2, "keys": KEYS[:2]})
     assert [(x.values["view"], x.values["sensor"], x.values["time_s"]) for x in samples] == [
-        (view, sensor, 1 + view / 2) for view in range(4) for sensor in ("left", "right")
+        (view, sensor, 1 + view / 2) for view in range(2) for sensor in ("left", "right")
     ]
     for sample in samples:
         pose = np.array(sample.facts["light"]["camera_to_world"])
@@ -87,7 +87,7 @@ def test_each_pose_is_seen_by_each_sensor_at_its_time(tmp_path: Path) -> None:
         np.testing.assert_allclose(distance, RADIUS_M, atol=1e-5)
     serials = {x.values["sensor"]: x.facts["seeds"]["serial"] for x in samples}
     assert serials["left"] == 1 and serials["right"] > 2**32
-    assert len({x.facts["seeds"]["seed"] for x in samples}) == 8
+    assert len({x.facts["seeds"]["seed"] for x in samples}) == 4
     assert {x.values["serial"] for x in samples} == {1}
 
 
@@ -136,7 +136,7 @@ def test_sensors_are_placed_named_and_listed_as_the_file_says(tmp_path: Path) ->
             {"sensors": "lefft"},
             r"no sensor 'lefft'; its sensors are left, right\. Did you mean 'left'",
         ),
-        ({"sensors": []}, r"sensors is empty; give names, all, or leave it out"),
+        ({"sensors": []}, r"sensors is empty; give names or all"),
         (
             {
                 "sensors": "all",
@@ -148,16 +148,16 @@ def test_sensors_are_placed_named_and_listed_as_the_file_says(tmp_path: Path) ->
         ({"views": [{}]}, r"must have origin_m and target_m, or time_s, or both"),
         (
             {"path": {"views": 2, "keys": [{"time_s": 0}, KEYS[0]]}},
-            r"keys of a path need origin_m and target_m.*or all of them time_s alone",
+            r"keys of a path need origin_m and target_m.*or all of them only time_s",
         ),
         (
             {"views": [{"origin_m": [0, 0, 3], "target_m": [0, 0, 0]}] * 2},
-            r"two samples are the same \(.*view 0.*; and .*view 1.*give views another time_s",
+            r"are the same: scenes\.0\.views\.0 and scenes\.0\.views\.1; .* another time_s",
         ),
-        ({"views": [{"time_s": 1}, {"time_s": 1}]}, r"are the same \(.*view 0.*; and .*view 1"),
+        ({"views": [{"time_s": 1}, {"time_s": 1}]}, r"are the same: scenes\.0\.views\.0 and"),
         (
             {"path": PATH, "render": {"spp": 2, "start_s": 0.5}},
-            r"\[render\] has start_s, and the views of scene",
+            r"\[render\] has start_s, but the views of scene",
         ),
     ],
 )

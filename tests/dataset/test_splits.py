@@ -10,6 +10,7 @@ from helpers.datasets import TABLES, plan_of, samples_of
 from helpers.marks import exhaustive
 
 from mitsuba_sensor import InputError
+from mitsuba_sensor.dataset.checks import checked_counts
 from mitsuba_sensor.dataset.plan import DatasetPlan
 
 HALVES = {"train": 0.5, "test": 0.5}
@@ -128,22 +129,39 @@ def test_poses_are_dealt_out_in_blocks_of_neighbours(views: int, block: int | No
 @pytest.mark.parametrize(
     ("tables", "said"),
     [
-        ({"splits": {"shares": HALVES}}, r"1 scenes for 2 splits .*deals out the poses"),
+        ({"splits": {"shares": HALVES}}, r"at least 2 scenes, .* distributes the poses"),
         ({"splits": {"shares": HALVES, "by": ["pose"]}}, r"by has 'pose'; give scene, view"),
         (
             {"grid": {"serial": [1]}, "splits": {"shares": HALVES, "chips": 1}},
-            "chips is given and serial is varied",
+            "chips is given and serial varies",
         ),
         (
             {"splits": {"shares": HALVES, "block": 5}},
-            r'block is 5, .* by = \["scene", "view"\]',
+            r'block is 5 poses, .* by = \["scene", "view"\]',
         ),
-        (path_tables(20, 20, **HALVES), r"1 scenes for 2 splits .* a smaller block"),
+        (path_tables(20, 20, **HALVES), r"at least 2 scenes, .* a smaller block"),
     ],
 )
 def test_splits_need_something_to_share_out(tables: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
         [*plan_of(**tables).tasks()]
+
+
+@pytest.mark.parametrize(("serials", "left_out"), [([1, 2, 3, 4], 8), (None, 0)])
+def test_combinations_that_no_split_has_are_counted(
+    serials: list[int] | None, left_out: int
+) -> None:
+    """Two scenes and two exposures: a scene meets half of the four sensor units."""
+    splits = {"shares": HALVES, **({} if serials else {"chips": 2})}
+    grid: dict[str, Any] = {
+        "exposure_s": [0.1, 0.2],
+        **({"serial": serials} if serials else {}),
+    }
+    counts = checked_counts(plan_of(scenes=scenes_of(2), splits=splits, grid=grid))
+    assert (counts.samples, counts.left_out) == (8, left_out)
+    assert [f"{left_out} of 16 combinations" in note for note in counts.notes()] == [
+        True
+    ] * bool(left_out)
 
 
 def test_a_row_without_a_serial_number_is_of_chip_one() -> None:

@@ -131,11 +131,6 @@ def test_a_tiff_takes_facts_in_any_script(tmp_path: Path) -> None:
         assert json.loads(file.pages.first.description) == facts
 
 
-def test_one_frame_of_one_pixel_is_a_tiff_too(tmp_path: Path) -> None:
-    tiff.write_tiff(tmp_path / "x.tiff", np.full((1, 1, 1), 513, dtype=np.uint16))
-    assert tifffile.imread(tmp_path / "x.tiff").item() == 513
-
-
 @pytest.mark.parametrize("shape", [(4, 6), (4, 6, 3)])
 def test_png_holds_the_picture(tmp_path: Path, shape: tuple[int, ...]) -> None:
     picture = np.random.default_rng(1).integers(0, 255, shape, dtype=np.uint8)
@@ -205,14 +200,3 @@ def test_an_exr_that_is_written_some_rows_at_a_time_is_the_same_file(
     monkeypatch.setattr("mitsuba_sensor.files.openexr.VALUES_AT_ONCE", 1)
     exr.write_irradiance_exr(tmp_path / "strips.exr", tall, half)
     assert (tmp_path / "strips.exr").read_bytes() == (tmp_path / "once.exr").read_bytes()
-
-
-def test_the_pages_of_a_tiff_are_those_of_the_stack_in_one(tmp_path: Path) -> None:
-    """As tifffile itself writes the stack."""
-    frames = np.random.default_rng(1).integers(0, 4000, (3, 40, 24), np.uint16)
-    extra = [(50714, 4, 1, 5, False)]
-    tiff.write_pages(tmp_path / "pages.tiff", frames, b"text", extra)
-    about = {"software": "mitsuba_sensor", "description": b"text", "metadata": None}
-    about |= {"photometric": "minisblack", "byteorder": "<", "extratags": extra}
-    tifffile.imwrite(tmp_path / "stack.tiff", frames, **about)
-    assert (tmp_path / "pages.tiff").read_bytes() == (tmp_path / "stack.tiff").read_bytes()

@@ -79,7 +79,7 @@ def test_a_dng_of_lossless_jpegs_is_read_if_each_has_its_pixels(
         b"",
     ):
         write_dng(file, [*whole[:-1], broken + b" "], **layout)
-        with pytest.raises(ms.InputError, match=r"a\.dng has no whole picture at row"):
+        with pytest.raises(ms.InputError, match=r"a\.dng has no complete lossless JPEG"):
             read_raw(file)
 
 
@@ -88,7 +88,7 @@ def test_a_dng_of_several_lossless_jpegs_in_strips_of_which_libraw_reads_one_is_
 ) -> None:
     strips = [lossless_jpeg(PICTURE[part]) for part in STRIPS]
     write_dng(tmp_path / "a.dng", strips, rowsperstrip=16)
-    with pytest.raises(ms.InputError, match="where a lossless JPEG of 6144 pixels belongs"):
+    with pytest.raises(ms.InputError, match="no complete lossless JPEG of 6144 pixels"):
         read_raw(tmp_path / "a.dng")
 
 
@@ -148,5 +148,5 @@ def test_strips_and_tiles_that_are_empty_are_refused(
         tags = opened.pages[0].tags  # type: ignore[union-attr]
         tag = tags["Tile" + what if name == "tiles.tif" else "Strip" + what]
         tag.overwrite((0, *tag.value[1:]))
-    with pytest.raises(ms.InputError, match="some of its strips or tiles are empty"):
+    with pytest.raises(ms.InputError, match="strips or tiles are empty"):
         read_raw(file)

@@ -173,15 +173,15 @@ METAL = '<bsdf type="conductor"><string name="material" value="../../x"/></bsdf>
     [
         (BILLION, "has a <!DOCTYPE>"),
         ("<a>" * 70 + "</a>" * 70, "more than 24 deep"),
-        ('<scene><include filename="scene.xml"/></scene>', "included more than 15 deep"),
+        ('<scene><include filename="scene.xml"/></scene>', "15 levels"),
         (
             '<scene><include filename="one.xml"/><include filename="one.xml"/></scene>',
-            "included more than",
+            "1000 included files",
         ),
-        ("<scene>", "no valid XML"),
-        ("", "no valid XML"),
-        ('<scene><bsdf type="../evil"/></scene>', "no name of a plugin"),
-        (f"<scene>{METAL}</scene>", "no name of a metal"),
+        ("<scene>", "XML"),
+        ("", "XML"),
+        ('<scene><bsdf type="../evil"/></scene>', "name of a plugin"),
+        (f"<scene>{METAL}</scene>", "name of a metal"),
         (
             '<scene><film><string name="camera" value="../mine.toml"/></film></scene>',
             "there is no file",
@@ -228,7 +228,7 @@ def test_no_native_code_beside_a_scene_is_run(tmp_path: Path) -> None:
         scene_references(scene, {})
     for kind, said in (
         ("evil", "native code that would be run"),
-        ("../evil", "no name of a plugin"),
+        ("../evil", "name of a plugin"),
     ):
         scene = write_scene(
             tmp_path, scene_text(SKY, BALL.format(bsdf=f'<bsdf type="{kind}"/>'))

@@ -166,9 +166,12 @@ def test_a_full_disk_is_named_by_the_folder_that_was_asked_for(tmp_path: Path) -
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has it")
-def test_an_exr_that_openexr_loses_without_an_error_is_noticed(tmp_path: Path) -> None:
+def test_an_exr_that_openexr_loses_without_an_error_is_noticed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """OpenEXR 3.5 reports no error when a file below 4 kB meets a full disk: it is lost when its buffer is closed."""
-    (tmp_path / f".x.exr.{os.getpid()}").symlink_to("/dev/full")
+    monkeypatch.setattr(durable, "scratch_name", lambda folder: folder / "scratch")
+    (tmp_path / "scratch").symlink_to("/dev/full")
     with pytest.raises(DiskFull):
         write_planes(tmp_path / "x.exr", {}, {"Y": Plane(IMAGE[:2, :2])})
     assert list(tmp_path.iterdir()) == []
@@ -233,6 +236,17 @@ def test_files_in_the_place_of_folders_are_refused_before_the_work(tmp_path: Pat
     (tmp_path / "file").touch()
     with pytest.raises(ms.InputError, match="file/maps"):
         npz.write_fpn_maps(tmp_path / "file" / "maps.npz", {})
+
+
+@pytest.mark.parametrize(
+    "write", [lambda path: npz.write_fpn_maps(path, {"prnu": IMAGE}), write_set, write_folder]
+)
+def test_a_name_with_a_null_byte_is_refused(
+    tmp_path: Path, write: Callable[[Path], object]
+) -> None:
+    with pytest.raises(ms.InputError, match="null byte"):
+        write(tmp_path / "a\0b")
+    assert not list(tmp_path.iterdir())
 
 
 def test_an_exported_folder_lists_its_files_and_is_replaced_only_by_force(

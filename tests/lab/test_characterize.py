@@ -10,9 +10,13 @@ from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.bench.datasheet import Said, expected
-from mitsuba_sensor.bench.figures_page import beside_datasheet, characterized, figures_of
-from mitsuba_sensor.bench.rendered_field import rendered_field
-from mitsuba_sensor.bench.virtual_bench import FLAT_S, Setup, virtual_bench
+from mitsuba_sensor.bench.figures_page import (
+    beside_datasheet,
+    characterized,
+    figure_row,
+    figures_of,
+)
+from mitsuba_sensor.bench.virtual_bench import FLAT_S, Setup, rendered_field, virtual_bench
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.lab.frames.bench import Bench
 from mitsuba_sensor.lab.measure.measurement import INSTRUMENTS, measure_bench
@@ -107,7 +111,7 @@ def test_every_drawing_has_axes_with_names_and_at_most_eight_series(small: Bench
         (["--gain", "100"], "gain"),
         (["--bits", "12"], "--bits is for frames from disk"),
         (["--camera", "konnik_tabel1"], "Did you mean 'konnik_table1'?"),
-        (["--wavelength-nm", "2000"], "sees nothing at 2000 nm; give a wavelength from"),
+        (["--wavelength-nm", "2000"], "detects no light at 2000 nm; give a wavelength from"),
         (["--wavelength-nm", "-3"], "wavelength_nm is -3"),
         (["--camera", "konnik_table1", "-o", ""], "-o is empty"),
     ],
@@ -134,6 +138,17 @@ def test_a_standard_deviation_that_should_be_0_is_judged_by_its_square() -> None
     figure = ms.lab.Quantity("σ_col", "column noise", np.sqrt(3), low, high, "e-", "")
     beside = beside_datasheet(figure, {"σ_col": Said(0.0, 0.0, 0.0)})
     assert beside["z"] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(
+    ("interval", "shown"), [((np.nan, 0.0, 3.2), "< 3.2"), ((3e4, 3e4, np.inf), "> 3e+04")]
+)
+def test_a_limit_is_shown_as_one_and_not_judged(
+    interval: tuple[float, float, float], shown: str
+) -> None:
+    figure = ms.lab.Quantity("σ_d", "a figure", *interval, "e-", "")
+    mark, cells = figure_row(figure, {"σ_d": Said(1.0, 1.0, 1.0)}, 3.0)
+    assert mark == "" and cells[2] == shown
 
 
 def test_ratios_stand_in_the_page_as_ratios_and_in_db(small: Bench) -> None:

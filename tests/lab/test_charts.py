@@ -76,7 +76,7 @@ WRONG: dict[str, tuple[Callable[[np.ndarray], Any], str]] = {
     "complex": (lambda values: values + 0j, "complex"),
     "masked": (lambda values: np.ma.masked_less(values, np.median(values)), "masked"),
     "empty": (lambda values: values[:0], "has shape|has 0 values|images of 0 ×"),
-    "text": (lambda values: "edge.png", "name of a file"),
+    "text": (lambda values: "edge.png", "file name|name of a file"),
     "objects": (lambda values: values.astype(object), "not numeric"),
 }
 

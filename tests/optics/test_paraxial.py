@@ -151,19 +151,10 @@ def test_scaling_scales_every_length_and_no_f_number() -> None:
 @pytest.mark.parametrize(
     ("fields", "says"),
     [
-        (
-            {"f_number": 1.4},
-            r"lens.f_number is 1.4, and the lens 'double_gauss' opens to f/2.05 at most",
-        ),
-        ({"f_number": 0.3}, "opens to f/2.05 at most; set lens.f_number to 2.05 or more"),
-        (
-            {"prescription": glass_ball(aperture=1e-9)},
-            "no light on the axis passes the lens 'biconvex'; check the semi-",
-        ),
-        (
-            {"prescription": glass_ball(-10.0)},
-            "has a negative or infinite focal length; it must be positive",
-        ),
+        ({"f_number": 1.4}, "lens.f_number is 1.4; it must be at least 2.05"),
+        ({"f_number": 0.3}, "it must be at least 2.05"),
+        ({"prescription": glass_ball(aperture=1e-9)}, "'biconvex' passes no light"),
+        ({"prescription": glass_ball(-10.0)}, "negative or infinite focal length"),
     ],
 )
 def test_a_lens_that_cannot_be_is_refused(fields: dict[str, Any], says: str) -> None:
@@ -173,10 +164,7 @@ def test_a_lens_that_cannot_be_is_refused(fields: dict[str, Any], says: str) -> 
 
 def test_nothing_nearer_than_the_front_focal_point_can_be_in_focus() -> None:
     found: CardinalPoints = cardinal_points(lens())
-    with pytest.raises(
-        ms.InputError,
-        match=r"focus distance is 0.04 m, and the lens has no real image of objects nearer than 0.0471 m",
-    ):
+    with pytest.raises(ms.InputError, match=r"distance is 0.04 m; it must be above 0.0471 m"):
         found.image_distance(0.04)
 
 

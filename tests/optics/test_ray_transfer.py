@@ -102,7 +102,7 @@ def test_stopped_down_and_scaled_the_pupil_is_as_the_f_number_says(thin_file: st
 
 def test_a_lens_is_opened_as_far_as_its_pass_function(thin_file: str) -> None:
     """N = 1/(2 sin u), tan u = R/f: 5.0249 in steps of 0.01."""
-    with pytest.raises(ms.InputError, match=r"opens to f/5\.03 at most"):
+    with pytest.raises(ms.InputError, match=r"at least 5\.03"):
         cardinal_points(lens_of(thin_file, 2.8))
 
 
@@ -191,12 +191,12 @@ def test_ellipses_are_linear_between_their_heights(
 
 
 SPOILED: dict[str, Callable[[Any, Any], object]] = {
-    "polynomials of one wavelength": lambda data, one: data["polynomials"].append(one),
+    "has 2 wavelengths": lambda data, one: data["polynomials"].append(one),
     "'convexhull'; it must be": lambda data, one: one["raypass"].update(method="convexhull"),
-    "has x, dx, dy; it needs one of each of x, y": lambda data, one: one["poly"].pop(1),
-    "is not what ISET writes": lambda data, one: data.pop("planeoffsetinput"),
-    "of 'outx' have different lengths": lambda data, one: one["poly"][0]["termr"].append(3),
-    "pass function have different lengths": lambda data, one: one["raypass"]["radii"].append(3),
+    "has x, dx, dy; give one for each of x, y": lambda data, one: one["poly"].pop(1),
+    "planeoffsetinput": lambda data, one: data.pop("planeoffsetinput"),
+    "of 'outx' must have equal lengths": lambda data, one: one["poly"][0]["termr"].append(3),
+    "pass function are empty or differ": lambda data, one: one["raypass"]["radii"].append(3),
     "pass_plane_mm": lambda data, one: one["raypass"].update(intersectPlaneDistance=0),
     "powers_r": lambda data, one: one["poly"][0]["termr"].__setitem__(0, -1),
 }
@@ -217,7 +217,7 @@ def test_polynomials_that_are_no_lens_are_refused(thin: dict[str, Any], tmp_path
     data = copy.deepcopy(thin)
     y = data["polynomials"][0]["poly"][1]
     y["coeff"] = [1.2 * c for c in y["coeff"]]
-    with pytest.raises(ms.InputError, match=r"have the determinant 1\.2, and those of a lens"):
+    with pytest.raises(ms.InputError, match=r"have the determinant 1\.2"):
         cardinal_points(lens_of(written(tmp_path, data)))
 
 

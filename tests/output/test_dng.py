@@ -215,7 +215,7 @@ def test_the_camera_of_a_dng_can_be_imported(tmp_path: Path) -> None:
 def test_the_command_line_writes_a_dng_of_every_frame_and_removes_older_ones(
     light_file: Path, tmp_path: Path, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(dng, "FEWEST_PIXELS", 4)  # this light has 12 × 16
+    monkeypatch.setattr(dng, "SIDE_MIN", 4)  # this light has 12 × 16
     command = ("expose", light_file, "-o", tmp_path, "--exposure-s", 0.01)
     assert cli(*command, "--dng", "--frames", 3, "--first-frame", 8).exit_code == 0
     names = ["frame_0008.dng", "frame_0009.dng", "frame_0010.dng"]

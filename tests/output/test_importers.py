@@ -276,7 +276,7 @@ def test_a_preset_of_getframes_is_the_same_camera(tmp_path: Path) -> None:
     assert gain_dn_per_e(camera) == pytest.approx(1 / 0.3, rel=1e-5)
     assert camera.dark_current.at_temperature_k == pytest.approx(263.15)
     np.testing.assert_allclose(camera.qe([400.0, 550.0, 900.0])[0], [0.6, 0.95, 0.3])
-    assert "left out: nonlinearity" in camera.description
+    assert "ignored: nonlinearity" in camera.description
     assert camera.source_follower.read_noise_e == 1.4
 
 

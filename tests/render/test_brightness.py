@@ -14,6 +14,7 @@ import pytest
 from helpers.scenes import BALL, PERSPECTIVE, SCENES, SKY, scalar_first, scene_text, write_scene
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.render.light.brightness import cd_per_m2
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.01)
 BOX = SCENES / "cornell_box.xml"
@@ -221,6 +222,11 @@ def test_lint_and_the_summary_say_how_bright_it_is(
     report = json.loads((tmp_path / "out" / "frame.json").read_text("utf-8"))
     assert any("filter 'gaussian'" in one for one in report["render"]["facts"])
     assert not any("filter 'gaussian'" in one for one in report["notes"])
+
+
+def test_a_lamp_is_not_compared_with_a_scene() -> None:
+    assert cd_per_m2(700.0, of_image=True) == "700 cd/m², like an overcast day"
+    assert cd_per_m2(700.0) == "700 cd/m², like the white of a computer screen"
 
 
 def test_several_sensors_refuse_a_scale_of_each_view(tmp_path: Path) -> None:

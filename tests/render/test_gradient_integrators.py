@@ -158,7 +158,7 @@ def test_a_spectral_response_of_the_sensor_is_replaced_by_that_of_the_camera() -
         ms.render(scene, CAMERA, EXPOSURE, **{**OPTIONS, "spp": 8}) for scene in scenes
     )
     np.testing.assert_array_equal(light.data, without.data)
-    assert any("srf replaced by that of the camera" in note for note in light.statistics.notes)
+    assert any("srf of the sensor is ignored" in note for note in light.statistics.notes)
 
 
 OURS = """<scene version="3.0.0">{integrator}<sensor type="camera"><float name="focal_length_mm" value="0.05"/>

@@ -149,7 +149,7 @@ def test_same_seed_same_bits_and_another_seed_another_noise(tmp_path: Path) -> N
 
 
 def test_error_bars_cover_the_reference() -> None:
-    """Sixteen passes of a flat cube: |electrons − expected| < relative error in 60 to 75 % of pixels (t₁₅: 67 %).
+    """Twelve passes of a flat cube: |electrons − expected| < relative error in 59 to 74 % of pixels (t₁₁: 66 %).
 
     576 pixels: the fraction has a standard deviation of 2 %, so the bounds are 3.5 away.
     """
@@ -157,13 +157,13 @@ def test_error_bars_cover_the_reference() -> None:
         SCENES / "flat_field.xml",
         CAMERA,
         EXPOSURE,
-        spp=256,
+        spp=144,
         bandwidth_nm=30,
         parameters={"width": 24, "height": 24},
         variant="scalar_spectral",
         denoise=False,
     )
-    assert light.statistics.passes == 16
+    assert light.statistics.passes == 12
     weights = photons_per_irradiance(
         CAMERA, EXPOSURE, light.wavelengths_nm, light.bandwidths_nm
     )
@@ -172,7 +172,7 @@ def test_error_bars_cover_the_reference() -> None:
         np.abs(light.data @ weights * light.in_band - expected)
         < light.relative_error * expected
     )
-    assert 0.60 < covered.mean() < 0.75
+    assert 0.59 < covered.mean() < 0.74
 
 
 def test_noise_ratio_is_render_variance_over_the_variance_of_the_sensor() -> None:
@@ -328,8 +328,8 @@ def test_colour_camera_weighs_each_pixel_behind_its_own_filter() -> None:
         ({"bandwidth_nm": 0}, "bandwidth_nm is 0"),
         ({"noise_ratio": 0}, "noise_ratio is 0"),
         ({"noise_ratio": math.nan}, "noise_ratio is nan"),
-        ({"noise_ratio": 0.01, "spp": 64}, "give one"),
-        ({"spp": 64, "max_spp": 128}, "spp is exact"),
+        ({"noise_ratio": 0.01, "spp": 64}, "noise_ratio is 0.01"),
+        ({"spp": 64, "max_spp": 128}, "max_spp is 128"),
         ({"max_seconds": -1}, "max_seconds is -1"),
         ({"max_spp": 1}, "max_spp is 1"),
         ({"spectral": "colours"}, "spectral is 'colours'"),

@@ -139,7 +139,7 @@ FOUND: list[tuple[str, ms.Camera, str]] = [
       for colour in ('<rgb name="reflectance" value="0.8, 0.1, 0.1"/>', BITMAP.format("grey"))),
     (scene(ball(BITMAP.format("grey"))), ULTRAVIOLET, "wrong is extrapolated below 360 nm"),
     *((scene(lamp(radiance)), VISIBLE, "note is not multiplied by D65") for radiance in COLOURED_LAMPS),
-    (scene(POINT), VISIBLE, "note which is not known"),
+    (scene(POINT), VISIBLE, "note the unit is unknown"),
     (scene(more='<float name="near_clip" value="3.5"/>'), VISIBLE, "black near_clip is 3.5 and the scene begins at 3"),
     (scene(more='<float name="near_clip" value="6"/>'), VISIBLE, "black near_clip is 6"),
     (scene(more='<float name="far_clip" value="4.5"/>'), VISIBLE, "black far_clip is 4.5 and the scene extends to 5"),

@@ -54,6 +54,7 @@ def vertices(path: Path) -> np.ndarray:
     return np.frombuffer(body, "<f4", 3 * count).reshape(-1, 3)
 
 
+@pytest.mark.exhaustive
 def test_the_files_are_what_their_script_writes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -133,11 +134,10 @@ def test_its_camera_is_the_shipped_one_at_iso_3200() -> None:
     assert (camera.adc, camera.source_follower) == (shipped.adc, shipped.source_follower)
 
 
-@pytest.mark.parametrize("camera", ["bayer_2mp", "konnik_table1"])
-def test_other_cameras_see_it_too(camera: str) -> None:
-    """Nothing of its film is for one camera alone; metered, because their gain is another."""
+def test_another_camera_sees_it_too() -> None:
+    """Its film does not depend on one camera; metered, because the gain differs."""
     options = {"width": 24, "spp": 16, "variant": "scalar_spectral", "denoise": False}
-    captured = ms.capture("night_crossing", camera, exposure="auto", **options)
+    captured = ms.capture("night_crossing", "konnik_table1", exposure="auto", **options)
     assert captured.frames.digital.std() > 0
 
 

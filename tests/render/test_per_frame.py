@@ -103,10 +103,10 @@ def test_progress_names_the_frame(floor: Path) -> None:
 
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
-    "a denoiser": ({"denoise": True}, "exclude each other"),
+    "a denoiser": ({"denoise": True}, "denoise"),
     "no frames": ({"frames": 0}, "frames"),
     "a frame before the first": ({"first_frame": -1}, "first_frame"),
-    "samples and a ratio": ({"noise_ratio": 0.1}, "give one"),
+    "samples and a ratio": ({"noise_ratio": 0.1}, "noise_ratio"),
     "a seed that is no number": ({"seed": "one"}, "seed"),
     "frames in time": ({"fps": 10.0}, "fps"),
 }

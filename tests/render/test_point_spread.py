@@ -99,23 +99,23 @@ def expected_response(f_number: float, wavelength_nm: float, side: float = 1.0) 
 
 
 @pytest.mark.parametrize(
-    ("f_number", "wavelength_nm", "passes", "tolerance"),
+    ("f_number", "wavelength_nm", "samples", "tolerance"),
     [
-        (8.0, 550.0, 2, 0.01),
+        (8.0, 550.0, 256, 0.02),
         *(
-            exhaustive(f, nm, 8, 0.005)
-            for f in (4.0, 8.0, 16.0, 22.0)
-            for nm in (450.0, 550.0, 650.0)
+            exhaustive(f, nm, 4096, 0.007)
+            for f, nm in ((4.0, 450.0), (16.0, 650.0), (22.0, 550.0))
         ),
     ],
 )
 def test_edges_have_the_response_of_lens_times_pixel(
-    tmp_path: Path, f_number: float, wavelength_nm: float, passes: int, tolerance: float
+    tmp_path: Path, f_number: float, wavelength_nm: float, samples: int, tolerance: float
 ) -> None:
-    """Up to Nyquist's frequency, where 2 passes have a noise of 0.003; without displacement the response is 0.64."""
+    """Up to the Nyquist frequency, where 2048 samples have a noise of 0.003 and 256 samples of 0.008; without
+    displacement the response is 0.64."""
     edges_nm = [wavelength_nm - 0.5, wavelength_nm + 0.5]
     scene = load(tmp_path, camera(lens__f_number=f_number), edges_nm, HALF_PLANE)
-    found = frequency_response(picture(scene, 1024, passes)[..., 0])
+    found = frequency_response(picture(scene, 256, samples // 256)[..., 0])
     expected = expected_response(f_number, wavelength_nm)
     np.testing.assert_allclose(found, expected, atol=tolerance)
 
@@ -128,8 +128,8 @@ def test_a_square_of_a_quarter_of_the_pixel_has_0_9_at_nyquist(
 ) -> None:
     """sinc(ν/2) and sinc(ν) at half a cycle per pixel."""
     cam = camera(pixel__fill_factor=0.25, pixel__aperture=aperture, lens__diffraction=False)
-    light = picture(load(tmp_path, cam, [549.5, 550.5], HALF_PLANE), 256, 4)
-    assert frequency_response(light[..., 0])[-1] == pytest.approx(response, abs=0.005)
+    light = picture(load(tmp_path, cam, [549.5, 550.5], HALF_PLANE), 256)
+    assert frequency_response(light[..., 0])[-1] == pytest.approx(response, abs=0.02)
 
 
 LOPSIDED = [[0.1, 0.3, 0.6, 0.2], [0.4, 1.0, 0.9, 0.3], [0.2, 0.8, 0.5, 0.0]]
@@ -140,10 +140,10 @@ LOPSIDED = [[0.1, 0.3, 0.6, 0.2], [0.4, 1.0, 0.9, 0.3], [0.2, 0.8, 0.5, 0.0]]
 def test_an_edge_has_the_response_of_a_map_of_the_sensitivity_within_the_pixel(
     tmp_path: Path,
 ) -> None:
-    """The modulus of the map's own transform across the edge, through the same estimator, within 0.005 up to Nyquist's
-    frequency; a full pixel is off by 0.07 there."""
+    """The modulus of the map's own transform across the edge, through the same estimator, within 0.007 up to the
+    Nyquist frequency; a full pixel is off by 0.07 there."""
     cam = camera(pixel__aperture=LOPSIDED, lens__diffraction=False)
-    light = picture(load(tmp_path, cam, [549.5, 550.5], HALF_PLANE), 256, 8)
+    light = picture(load(tmp_path, cam, [549.5, 550.5], HALF_PLANE), 256, 4)
     found, angle = frequency_response(light[..., 0]), math.radians(ANGLE_DEG)
     rows, columns = np.shape(LOPSIDED)
     y, x = np.meshgrid((np.arange(rows) + 0.5) / rows, (np.arange(columns) + 0.5) / columns)
@@ -156,7 +156,7 @@ def test_an_edge_has_the_response_of_a_map_of_the_sensitivity_within_the_pixel(
         return np.abs((waves * LOPSIDED).sum(axis=(1, 2)) / np.sum(LOPSIDED) * cell)
 
     expected = frequency_response(edge_picture(mtf, SHAPE, ANGLE_DEG))
-    np.testing.assert_allclose(found, expected, atol=0.005)
+    np.testing.assert_allclose(found, expected, atol=0.007)
     full = frequency_response(edge_picture(np.sinc, SHAPE, ANGLE_DEG))
     assert found[-1] - full[-1] > 0.05
 
@@ -187,7 +187,7 @@ def test_the_wavelengths_of_a_ray_have_each_their_own_response(tmp_path: Path) -
     """Bands of 30 nm at both ends of 400 to 700 nm, which share rays: 0.25 and 0.07 at Nyquist's frequency. Without the
     weights both are 0.16."""
     cam, edges_nm = camera(lens__f_number=8.0), [400.0, 430.0, 670.0, 700.0]
-    light = picture(load(tmp_path, cam, edges_nm, HALF_PLANE), 1024, 8)
+    light = picture(load(tmp_path, cam, edges_nm, HALF_PLANE), 1024, 2)
     for band, wavelength_nm in ((0, 415.0), (2, 685.0)):
         found, expected = (
             frequency_response(light[..., band]),
@@ -302,11 +302,11 @@ def test_rays_of_a_crop_see_what_is_beyond_its_edge(tmp_path: Path) -> None:
     cam, means = camera(lens__f_number=22.0), []
     crop = (
         '<integer name="crop_width" value="8"/><integer name="crop_height" value="8"/>'
-        '<integer name="crop_offset_x" value="20"/><integer name="crop_offset_y" value="60"/>'
+        '<integer name="crop_offset_x" value="20"/><integer name="crop_offset_y" value="4"/>'
     )
     for film in ("", crop):
         use(choose_variant(skip_unless_usable(LLVM)))
-        size = f'<integer name="width" value="64"/><integer name="height" value="128"/>{film}'
+        size = f'<integer name="width" value="64"/><integer name="height" value="16"/>{film}'
         film_text = f'<film type="hdrfilm">{size}</film>'
         fov = f'<float name="fov" value="{FOV_DEG}"/>'
         sensor = f'<sensor type="perspective">{fov}{film_text}</sensor>'
@@ -315,7 +315,7 @@ def test_rays_of_a_crop_see_what_is_beyond_its_edge(tmp_path: Path) -> None:
             write_scene(tmp_path, text), box_bands(cam, np.array([549.5, 550.5])), {}, cam
         )
         light = picture(scene, 1024)[..., 0] * 1e3
-        means.append(light.mean() if film else light[60:68, 20:28].mean())
+        means.append(light.mean() if film else light[4:12, 20:28].mean())
     share = means[0]
     assert share > 0.005  # of light that comes from the other side of the edge
     error = math.sqrt(2 * share / (64 * 1024))

@@ -105,7 +105,7 @@ def test_a_camera_that_is_named_is_told_what_it_leaves_of_the_file(tmp_path: Pat
         "variant": "scalar_spectral",
     }
     given = ms.render(ONE_FILE, TABLE1.replace(**{"lens.f_number": 8.0}), **options)
-    (told,) = (note for note in given.statistics.notes if "not used of the scene" in note)
+    (told,) = (note for note in given.statistics.notes if "ignored the scene's" in note)
     assert "lens.transmission_curve" in told and "lens.f_number" not in told
     own = ms.render(ONE_FILE, **options)
     assert not any("not used" in note for note in own.statistics.notes)

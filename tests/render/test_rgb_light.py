@@ -120,7 +120,7 @@ def test_white_has_the_electrons_of_daylight_up_to_830_nm(name: str) -> None:
     ("rgb", "options", "sentence"),
     [
         (np.moveaxis(PICTURE, -1, 0), {"unit": "srgb"}, "colour planes first; give"),
-        ("picture.png", {}, r"is the name of a file, 'picture.png'; .*PIL\.Image\.open"),
+        ("picture.png", {}, r"is the file name 'picture.png'; .*PIL\.Image\.open"),
         (np.ones((6, 8, 4)), {}, r"with transparency; pass rgb\[\.\.\., :3\]"),
         (PICTURE[..., 0], {}, r"shape \(6, 8\); pass \(H, W, 3\)"),
         (PICTURE, {}, 'unit is not given, .*pass unit="srgb" .* e.g. white_cd_per_m2=200'),

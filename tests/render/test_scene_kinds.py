@@ -272,7 +272,11 @@ def test_what_is_no_scene_is_one_sentence() -> None:
         ("<scene version='3.0.0'><sensor></scene>", {}, "XML text"),
         ("no_such.xml", {}, "there is no file 'no_such.xml'"),
         (mi.load_dict({**box, "integrator": aov}), {}, "AOVIntegrator, adds channels"),
-        (mi.load_dict({**box, "integrator": {"type": "depth"}}), {}, "computes no radiance"),
+        (
+            mi.load_dict({**box, "integrator": {"type": "depth"}}),
+            {},
+            "does not compute radiance",
+        ),
         (mi.load_dict({**box, "sensor": meter}), {}, "takes no image"),
         (box, {"parameters": {"a": 1}}, "<default> names of a scene in XML"),
         (

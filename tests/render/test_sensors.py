@@ -181,7 +181,7 @@ def test_a_sensor_without_an_image_is_refused(kind: str) -> None:
         ([f'<sensor type="batch">{meter}</sensor>'], "move its sensors into the scene"),
         (
             [meter, '<sensor type="perspective" id="eye"/>'],
-            "another sensor of the scene: --sensor eye",
+            "another sensor of the scene: sensor='eye'",
         ),
         ([f'<shape type="sphere">{meter}</shape>'], f"no sensor but {kind} on a shape"),
     ):

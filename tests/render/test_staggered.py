@@ -43,7 +43,7 @@ SCENE, MOTION = wall_that_moves(0.005, SPEED_PX_PER_S)
 QUICK: dict[str, Any] = {
     "progress": False,
     "wavelength_nm": 550.0,
-    "spp": 64,
+    "spp": 32,
     "denoise": False,
 }
 

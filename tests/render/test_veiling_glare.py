@@ -181,5 +181,5 @@ def test_a_picture_of_another_program_has_it() -> None:
 def test_a_crop_is_refused_because_it_lacks_the_other_light(tmp_path: Path) -> None:
     film = '<integer name="crop_width" value="4"/><integer name="crop_height" value="4"/>'
     scene = write_scene(tmp_path, scene_text('<integrator type="direct"/>', DARK, film=film))
-    with pytest.raises(ms.InputError, match="crop window of 4 × 4 of 12 × 8 pixels"):
+    with pytest.raises(ms.InputError, match="crop of 4 × 4 of 12 × 8 pixels"):
         light_of(scene, camera(0.02))

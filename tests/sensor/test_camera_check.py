@@ -103,7 +103,7 @@ def test_all_errors_of_a_file_are_found_at_once_with_their_lines(tmp_path: Path)
     assert sorted(warnings) == [8, 12]
     assert warnings[8].endswith("if 5.86e-06 is in metres, write 5.86.")
     assert found[-1].to_dict()["text"] == warnings[12]
-    with pytest.raises(ms.InputError, match=r"first of \d+ errors; `cameras check` or check"):
+    with pytest.raises(ms.InputError, match=r"lists all \d+ errors"):
         ms.load_camera(tmp_path / "mine.toml")
 
 

@@ -106,9 +106,9 @@ FILES = {
     "missing.dat": (None, "cannot be read: No such file"),
     "short.dat": (
         "1 2 3",
-        "a line of 3 numbers or texts, '1 2 3'; each must be radius, thickn",
+        "the line '1 2 3'; it must be radius, thickn",
     ),
-    "letters.dat": ("s 2 1 4", "'s 2 1 4'; each must be radius"),
+    "letters.dat": ("s 2 1 4", "'s 2 1 4'; it must be radius"),
     "nan.dat": ("0 2 0 6\nnan 5 1.5 25\n0 0 1 25", "radius_mm is nan"),
     "stopless.dat": (
         "50 2 1.5 20\n-50 0 1 20",
@@ -116,10 +116,10 @@ FILES = {
     ),
     "broken.json": ("{", "is not valid JSON"),
     "list.json": ("[]", "has no list of surfaces"),
-    "iset.json": (table_of(ISET % ""), "not numbers for radius"),
+    "iset.json": (table_of(ISET % ""), "without numbers for radius"),
     "oval.json": (
         table_of(ISET % ', "ior": 1, "conic_constant": [3, 4]'),
-        "not numbers for radius",
+        "without numbers for radius",
     ),
     "typo.json": (table_of(PLANE % ', "radius": 3', PLANE % ""), "is not a field"),
     "two.json": (
@@ -127,9 +127,9 @@ FILES = {
         "2 surfaces are the aperture stop; mark exactly",
     ),
     "immersed.json": (table_of(STOP % "", PLANE % ', "index": 1.5'), "the sensor is in air"),
-    "zero.json": (table_of(STOP % "", PLANE % ', "radius_mm": 0'), "leave it out for a plane"),
+    "zero.json": (table_of(STOP % "", PLANE % ', "radius_mm": 0'), "omit it for a plane"),
     "vacuum.json": (table_of(STOP % ', "abbe": 30', PLANE % ""), "abbe"),
-    "lens.len": ("", "not a .json, .dat, .zmx, .seq file"),
+    "lens.len": ("", "or a .json, .dat, .zmx, .seq file"),
 }
 
 

@@ -100,7 +100,7 @@ def test_saturation_is_where_the_codes_end_also_of_a_curved_response(
 
 
 def test_black_light_and_numbers_out_of_range_are_refused(light: Any) -> None:
-    with pytest.raises(ms.InputError, match="darkness is at the highest code of konnik_table1"):
+    with pytest.raises(ms.InputError, match="black level of konnik_table1 is at or above"):
         metered(light, CAMERA.replace(**{"adc.black_level_dn": 4095}), ms.Metering())
     with pytest.raises(ms.InputError, match="no pixel has any light"):
         metered(replace(light, data=0 * light.data), CAMERA, ms.Metering())

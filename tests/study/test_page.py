@@ -110,15 +110,6 @@ def test_an_axis_has_three_to_nine_labels_that_differ_and_holds_its_points(
     assert plot.get_xlabel() == "x" and plot.get_legend().get_texts()[0].get_text() == "one"
 
 
-def test_filters_have_their_own_colours(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[Any] = []
-    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: seen.append(self))
-    png(Plot("", "x", "y", tuple(Line(name, (1.0, 2.0), (1.0, 2.0)) for name in "RGB")))
-    for number, drawn in enumerate(seen[0].axes[0].lines[::3]):
-        channels = [int(drawn.get_color()[1 + 2 * k : 3 + 2 * k], 16) for k in range(3)]
-        assert channels.index(max(channels)) == number
-
-
 def test_a_page_asks_the_network_for_nothing_and_is_well_formed() -> None:
     page = html(study(TABLE, *PICTURES))
     targets = re.findall(r"(?:src|href)=\"([^\"]{0,24})", page)
@@ -194,6 +185,13 @@ def test_the_terminal_shows_verdict_findings_and_tables() -> None:
     said = shown(study(TABLE, *PICTURES, passed=False))
     for label in ("✗ some checks failed", "here/study.html", "1 < 2", "Series <all>", "1.235"):
         assert label in said
+
+
+def test_the_terminal_shows_the_columns_that_a_table_names() -> None:
+    rows = [("good", ("K", 0.5, "a long note"))]
+    said = shown(study(table("t", "symbol | value | note", rows, terminal="symbol | value")))
+    assert "holds" in said and "0.5" in said and "note" not in said
+    assert "symbol" not in shown(study(table("t", "symbol", [("", ("K",))], terminal="")))
 
 
 def test_of_a_long_table_the_terminal_shows_what_is_not_as_it_must_be() -> None:

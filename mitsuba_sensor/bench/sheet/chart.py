@@ -1,9 +1,9 @@
-"""What every chart has: its scene, its frames, its instrument; and what instruments begin with."""
+"""A chart as data: its scene, its frames and its instrument; and the first steps of every instrument."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -27,10 +27,10 @@ Draw = Callable[["Axes"], object]
 
 
 class Setting(NamedTuple):
-    """One column of the sheet.
+    """One gain and temperature of the sheet.
 
-    camera : at its gain setting.  gain : its name, empty if the camera has one only.
-    temperature_k : of the sensor [K].  serial, seed : of the chip and of all temporal noise.
+    camera : at its gain setting.  gain : name of the setting, empty if the camera has only one.
+    temperature_k : sensor temperature [K].  serial, seed : of the sensor unit and of all temporal noise.
     """
 
     camera: Camera
@@ -41,7 +41,7 @@ class Setting(NamedTuple):
 
     @property
     def exposure(self) -> Exposure:
-        """Exposure of the pictures of charts; the light varies."""
+        """Exposure of all charts; the light varies."""
         return Exposure(FLAT_S, self.temperature_k)
 
 
@@ -49,21 +49,23 @@ class Setting(NamedTuple):
 class Taken:
     """Frames of a chart.
 
-    bench : scenes are pictures of the chart, darks and flats are as the instrument asks.
-    facts : about the chart, as in ``chart.toml`` beside the frames of a real camera.
-    ideal : the pictures of the scene without noise, (N, H, W), in DN or in proportion; None without a closed form.
-    chips : the same of single chips, which differ from the camera's file.
+    bench : scenes are images of the chart; darks and flats are those that the instrument needs.
+    facts : about the chart, as in ``chart.toml`` next to the frames of a real camera.
+    ideal : noise-free images, (N, H, W), in DN or proportional to DN; None without a closed form.
+    chips : noise-free images of single sensor units, which differ from the camera file.
+    is_alike : True if all colour filters see the same image, so the theory of one filter holds for all.
     """
 
     bench: Bench
     facts: Facts = field(default_factory=dict)
     ideal: Float64Array | None = None
     chips: Sequence[Float64Array] = ()
+    is_alike: bool = False
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What an instrument found behind one colour filter: figures, drawings by title, sentences of what it refused."""
+    """Results of an instrument under one colour filter: figures, drawings by title, and refusals as sentences."""
 
     filter_name: str
     figures: Sequence[Quantity]
@@ -74,10 +76,10 @@ class Measured:
 class Chart(NamedTuple):
     """A chart of the sheet.
 
-    name : of the folder of its frames; those of a real camera are in folders whose names begin with ``kind``.
-    scenes : what is rendered.  frames : of a setting in the light of these scenes.  instrument : what it finds.
-    closed_form : whether its theory is in closed_forms.py.  filters : that a camera must have.
-    drawn : whether theory is drawn as what the instrument finds in the picture without noise.
+    name, kind : of the chart; folders with frames of a real camera begin with ``kind``.
+    scenes : the scenes to render.  frames : take frames of a setting in their light.  instrument : measures them.
+    closed_form : True if closed_forms.py has the theory.  filters : colour filters that the camera needs.
+    drawn : True if the instrument's result for the noise-free image is drawn as theory.
     """
 
     name: str
@@ -92,9 +94,9 @@ class Chart(NamedTuple):
 
 
 def take(setting: Setting, light: Float64Array, bands: Bands, frames: int, kind: str) -> Stack:
-    """Frames of mean photons per pixel (H, W, B) in the middle of the sensor, as a stack.
+    """Expose the middle of the sensor to mean photons per pixel (H, W, B).
 
-    kind : stacks of different kinds have different temporal noise.
+    kind : source of the stack; another kind has other temporal noise.
     """
     camera, shape = setting.camera, light.shape[:2]
     origin = middle_of_sensor(camera, shape)
@@ -125,7 +127,10 @@ def bench_of(
     counts: tuple[int, int],
     flat: tuple[Float64Array, int] | None = None,
 ) -> Bench:
-    """Pictures of a chart, dark frames, and flat fields.  counts : of pictures and of dark frames."""
+    """Take images of a chart, dark frames and flat fields.
+
+    counts : number of images and of dark frames.  flat : photons and number of flat fields.
+    """
     scene = take(setting, photons, bands, counts[0], name)
     dark = take(setting, 0 * photons, bands, counts[1], f"{name} dark")
     flats: tuple[Stack, ...] = ()
@@ -136,7 +141,7 @@ def bench_of(
 
 
 def chart_shape(camera: Camera, rows: int, columns: int) -> tuple[int, int]:
-    """Pixels of a chart with so many rows and columns behind each place of the mosaic, at most those of the sensor."""
+    """Return the image size of a chart with this many rows and columns in each plane of the mosaic."""
     tile = len(camera.tile), len(camera.tile[0])
     return (
         min(rows, camera.sensor.rows // tile[0]) * tile[0],
@@ -144,38 +149,30 @@ def chart_shape(camera: Camera, rows: int, columns: int) -> tuple[int, int]:
     )
 
 
-def one_ideal(picture: Float64Array | None) -> Float64Array | None:
-    """A picture without noise as frames, (1, H, W)."""
-    return None if picture is None else picture[None]
-
-
-# What every instrument begins with
-
-
 def frames_and_black(stacks: Sequence[Stack], bench: Bench) -> tuple[Stack, Float64Array]:
-    """The first of these stacks, and the mean of the dark frames (H, W). Raises InputError if they do not suit."""
+    """Return the first stack and the mean dark frame (H, W). Raises InputError if sizes differ or one is missing."""
     if not stacks or not bench.darks:
+        missing = "dark frames" if stacks else "frames of the chart"
         raise InputError(
-            f"the folder has {len(stacks)} stacks of the chart and {len(bench.darks)} of dark frames; take both, with "
-            "names that begin with scene and dark."
+            f"the folder has no {missing}; add them, with names that begin with scene and dark."
         )
     frames, dark = stacks[0], bench.darks[0]
     if frames.shape != dark.shape:
         raise InputError(
-            f"{frames.source} has {frames.shape[0]} × {frames.shape[1]} pixels and {dark.source} {dark.shape[0]} × "
+            f"{frames.source} has {frames.shape[0]} × {frames.shape[1]} pixels, {dark.source} has {dark.shape[0]} × "
             f"{dark.shape[1]}; take dark frames of the same size."
         )
     return frames, dark.mean
 
 
 def without_black(stacks: Sequence[Stack], bench: Bench) -> Float64Array:
-    """Mean of the first of these stacks minus that of the dark frames."""
+    """Return the mean of the first stack minus the mean dark frame."""
     frames, black = frames_and_black(stacks, bench)
     return np.asarray(frames.mean - black)
 
 
 def step_of(bench: Bench) -> tuple[int, int]:
-    """Distance of the pixels behind one place of the mosaic, down and across."""
+    """Return the pitch of one plane of the mosaic, down and across [pixels]."""
     tile = next(iter((*bench.scenes, *bench.stacks))).tile or (("",),)
     return len(tile), len(tile[0])
 
@@ -184,24 +181,26 @@ def each_filter(
     taken: Taken,
     measure: Callable[[Bench, tuple[int, int]], tuple[Sequence[Quantity], dict[str, Draw]]],
 ) -> list[Measured]:
-    """What an instrument finds behind each place of the mosaic, or its refusal.
+    """Measure each plane of the mosaic, or report its refusal.
 
-    measure : figures and drawings, from the frames behind one place and the place.
+    measure : returns figures and drawings from the frames of a plane and its place in the tile.
     """
-    places = np.ndindex(step_of(taken.bench))
-    found = []
+    places, measured = np.ndindex(step_of(taken.bench)), list[Measured]()
     for (name, bench), place in zip(taken.bench.of_filters().items(), places, strict=True):
+        if taken.is_alike and measured:  # the same image, sampled at other places: within 2e-4
+            measured.append(replace(measured[0], filter_name=name))
+            continue
         try:
-            found.append(Measured(name, *measure(bench, place)))
+            measured.append(Measured(name, *measure(bench, place)))
         except InputError as error:
-            found.append(Measured(name, (), refused=(str(error),)))
-    return found
+            measured.append(Measured(name, (), refused=(str(error),)))
+    return measured
 
 
 def planes_of_filters(bench: Bench) -> dict[str, Float64Array]:
-    """The picture behind each colour filter, the mean of its places in the mosaic."""
+    """Return the image under each colour filter, the mean of its planes."""
     planes: dict[str, list[Float64Array]] = {}
     for name, part in bench.of_filters().items():
-        own = planes.setdefault(name.partition(" (")[0], [])
-        own.append(without_black(part.scenes, part))
-    return {name: np.asarray(np.mean(own, axis=0)) for name, own in planes.items()}
+        of_filter = planes.setdefault(name.partition(" (")[0], [])
+        of_filter.append(without_black(part.scenes, part))
+    return {name: np.asarray(np.mean(of_filter, axis=0)) for name, of_filter in planes.items()}

@@ -1,7 +1,7 @@
-"""The charts of the sheet: a row of CHARTS has a scene, the frames of it, and an instrument.
+"""The charts of the sheet: a row of CHARTS has a scene, its frames and an instrument.
 
-The theory of a chart is what the same instrument finds in the picture without noise (optics.py). EMVA 1288 and the step
-chart have closed forms instead (closed_forms.py). One more chart is one more row.
+The theory of a chart is the same instrument on the noise-free image (optics.py). EMVA 1288 and the step chart have
+closed forms instead (closed_forms.py). A new chart is a new row.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ...lab.quantity import Quantity
 from ...optics.shutter import shutter_of
 from ...optics.waveform import pwm
 from ...pages.drawing import colour_of
-from ..virtual_bench import Setup, best_wavelength_nm, virtual_bench
+from ..virtual_bench import Setup, virtual_bench
 from .chart import (
     Chart,
     Draw,
@@ -37,14 +37,10 @@ from .chart import (
     chart_shape,
     each_filter,
     frames_and_black,
-    one_ideal,
     planes_of_filters,
     take,
 )
-from .light import (
-    ChartScene,
-    surrounded_scene,
-)
+from .light import ChartScene, surrounded_scene
 from .modulation import MODULATION_CHARTS
 from .optics import (
     bands_of_lamps,
@@ -59,18 +55,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 CHIPS = 16
-"""Single chips whose pictures tell how far a figure may be from that of the camera's file."""
+"""Single sensor units whose images give the range of a figure about the camera file's value."""
 GREY_BRIGHTEST, LED_BRIGHTEST = 0.8, 0.6
-"""Light over saturation, behind the filter that sees most."""
+"""Light over saturation, under the most sensitive filter."""
 GREY_SPP = 128
 GREY_DEG, GREY_PX = 40.0, 256
-"""Field of view across the sensor (a lens prescription has its own), and most columns of a frame."""
+"""Horizontal field of view (a lens prescription has its own), and largest number of columns."""
 LED_HZ, LED_DUTY, LED_PX, LED_FRAMES = 90.0, 0.25, 32, 32
-"""A lamp of a car: pulse frequency, bright share of the time, side behind each place of the mosaic, frames."""
+"""A car's lamp: pulse frequency, duty cycle, side in each plane of the mosaic, frames."""
 LED_STEP = (5**0.5 - 1) / 2
-"""Periods from a frame to the next: the golden ratio, whose multiples lie nowhere close together."""
-EMVA_SIDE = 256
-"""Of the middle of the sensor that is measured: standard deviations are within 0.3 %, of each filter within 0.6 %."""
+"""Periods between frames: the golden ratio, whose multiples spread evenly."""
+EMVA_SIDE = 192
+"""Measured side of the sensor: standard deviations are within 0.4 %, and within 0.8 % under one filter."""
 EMVA_DRAWN = (
     "Photon transfer, logarithmic",
     "Signal-to-noise ratio, logarithmic",
@@ -78,14 +74,14 @@ EMVA_DRAWN = (
     "Non-uniformity",
     "Dark current",
 )
-"""Plots on the sheet; `characterize` draws all."""
+"""Plots on the sheet; `characterize` draws all of them."""
 
 
-# An even grey surface all around, and a flickering lamp
+# A uniform grey surface in all directions, and a flickering lamp
 
 
 def grey_shape(camera: Camera) -> tuple[int, int]:
-    """Rows and columns of the frames, whole tiles and of the proportions of the sensor."""
+    """Return the rows and columns of the frames, whole tiles in the sensor's proportions."""
     sensor, tile = camera.sensor, (len(camera.tile), len(camera.tile[0]))
     columns = min(GREY_PX, sensor.columns) // tile[1] * tile[1]
     rows = round(sensor.rows * columns / sensor.columns)
@@ -93,7 +89,7 @@ def grey_shape(camera: Camera) -> tuple[int, int]:
 
 
 def grey_scenes(camera: Camera) -> list[ChartScene]:
-    """One for each lamp, seen by the whole sensor; without dispersion the light of all lamps has one shape."""
+    """Return a scene for each lamp, seen by the whole sensor; without dispersion all lamps have the same shape."""
     shape = grey_shape(camera)
     text, pixels = surrounded_scene(shape, GREY_DEG), camera.sensor.columns / shape[1]
     lamps = rendered_nm(camera, not camera.lens.dispersion)
@@ -101,7 +97,7 @@ def grey_scenes(camera: Camera) -> list[ChartScene]:
 
 
 def grey_frames(setting: Setting, lights: Lights) -> Taken:
-    """Frames of the surface and dark ones. Single chips differ by the PRNU of their columns."""
+    """Take frames of the surface and dark frames. Single sensor units differ by the PRNU of their columns."""
     camera = setting.camera
     shapes = [light.data / np.quantile(light.data, 0.99) for light in lights]
     photons = photons_of_shapes(camera, shapes, GREY_BRIGHTEST)
@@ -110,11 +106,11 @@ def grey_frames(setting: Setting, lights: Lights) -> Taken:
     if ideal is not None and camera.readout.prnu_col:
         gains = np.random.default_rng(1).normal(size=(CHIPS, 1, 1, ideal.shape[1]))
         chips = list(ideal * (1 + camera.readout.prnu_col * gains))
-    return Taken(bench, ideal=one_ideal(ideal), chips=chips)
+    return Taken(bench, ideal=None if ideal is None else ideal[None], chips=chips)
 
 
 def _illumination(camera: Camera) -> Float64Array | None:
-    """Relative illumination at the middles of the pixels (H, W): cos⁴, or as measured; None without a closed form."""
+    """Return the relative illumination at the pixel centres, (H, W): cos⁴ or measured; None without a closed form."""
     lens = camera.lens
     unknown = (lens.prescription, lens.half_pupil, lens.distortion, lens.distortion_percent)
     angular = camera.pixel.angular_response
@@ -134,25 +130,25 @@ def _illumination(camera: Camera) -> Float64Array | None:
 
 
 def grey_instrument(taken: Taken) -> list[Measured]:
-    """Relative illumination and colour shading, of all filters together."""
+    """Measure relative illumination and colour shading of all filters together."""
     try:
         planes = planes_of_filters(taken.bench)
-        found = flat_field(np.stack(list(planes.values()), axis=2))
+        field = flat_field(np.stack(list(planes.values()), axis=2))
     except InputError as error:
         return [Measured("", (), refused=(str(error),))]
-    names, figures = list(planes), list(found.quantities)
+    names, figures = list(planes), list(field.quantities)
     if len(names) > 1:
-        number = [int(one.symbol.rpartition("_")[2]) for one in figures]
+        channels = [int(figure.symbol.rpartition("_")[2]) for figure in figures]
         figures = [
-            one.noted(f"channel {n} is {names[n]}")
-            for one, n in zip(figures, number, strict=True)
+            figure.noted(f"channel {n} is {names[n]}")
+            for figure, n in zip(figures, channels, strict=True)
         ]
-    draw = partial(_draw_channels, names, found.plot)
+    draw = partial(_draw_channels, names, field.plot)
     return [Measured("", figures, {"Relative illumination versus image height": draw})]
 
 
 def _draw_channels(names: Sequence[str], draw: Draw, ax: Axes) -> None:
-    """Curves of channels in the colours and with the names of their filters."""
+    """Draw the curves of channels in the colours and with the names of their filters."""
     if len(names) > 1:
         ax.set_prop_cycle(color=[colour_of(name, n) for n, name in enumerate(names)])
     before = len(ax.lines)
@@ -162,9 +158,9 @@ def _draw_channels(names: Sequence[str], draw: Draw, ax: Axes) -> None:
 
 
 def led_frames(setting: Setting, lights: Lights) -> Taken:
-    """Frames of the lamp, whose light is even and exactly known, one after the other, and dark ones.
+    """Take frames of the lamp, whose light is uniform and exactly known, and dark frames.
 
-    Single frames differ by noise of rows and columns.
+    Single frames differ by row and column noise.
     """
     camera, lamp = setting.camera, pwm(LED_HZ, LED_DUTY)
     bands, shape = bands_of_lamps(camera), chart_shape(camera, LED_PX, LED_PX)
@@ -193,7 +189,7 @@ def led_frames(setting: Setting, lights: Lights) -> Taken:
 
 
 def led_instrument(taken: Taken) -> list[Measured]:
-    """Flicker modulation and its mitigation."""
+    """Measure flicker modulation and its mitigation."""
 
     def measure(bench: Bench, _: object) -> tuple[list[Quantity], dict[str, Draw]]:
         lamp, black = frames_and_black(bench.scenes, bench)
@@ -207,16 +203,16 @@ def led_instrument(taken: Taken) -> list[Measured]:
 
 
 def emva_frames(setting: Setting, lights: Lights) -> Taken:
-    """The frames of ``characterize``, of a smaller part of the sensor."""
-    wavelength_nm, kelvin = best_wavelength_nm(setting.camera), setting.temperature_k
-    setup = Setup(kelvin, wavelength_nm, setting.serial, setting.seed, EMVA_SIDE)
+    """Take the frames of ``characterize`` with a smaller part of the sensor."""
+    setup = Setup(setting.temperature_k, None, setting.serial, setting.seed, EMVA_SIDE)
     bench = virtual_bench(setting.camera, setup)
-    named = bench.change(lambda stacks: [replace(one, gain=setting.gain) for one in stacks])
-    return Taken(named)
+    return Taken(
+        bench.change(lambda stacks: [replace(one, gain=setting.gain) for one in stacks])
+    )
 
 
 def emva_instrument(taken: Taken) -> list[Measured]:
-    """All instruments of the laboratory."""
+    """Measure with all instruments of the laboratory."""
     measured = []
     for found in measure_bench(taken.bench):
         refused = [f"{title}: {sentence}" for title, sentence in found.refused.items()]
@@ -227,7 +223,7 @@ def emva_instrument(taken: Taken) -> list[Measured]:
 
 
 def _no_scene(camera: Camera) -> list[ChartScene]:
-    """None: even light needs no render."""
+    """Return no scene: uniform light needs no render."""
     return []
 
 
@@ -264,7 +260,7 @@ CHARTS = (
 
 
 def chosen_charts(names: Sequence[str]) -> list[Chart]:
-    """The charts of these names or kinds, or all if none is given. Raises InputError for another name."""
+    """Return the charts of these names or kinds; all charts if no name is given. Raises InputError for other names."""
     known = list(dict.fromkeys(name for chart in CHARTS for name in (chart.kind, chart.name)))
     for name in names:
         if name not in known:

@@ -1,9 +1,8 @@
-"""Theory in closed form of the two charts whose figures are about noise: EMVA 1288 and the step chart."""
+"""Closed-form theory of the two charts that measure noise: EMVA 1288 and the step chart."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 from ...camera.camera import Camera
 from ...camera.figures import QUANTISATION_DN2, emva_figures
@@ -12,80 +11,63 @@ from ...lab.frames.bench import Bench
 from ...lab.frames.stack import COARSE_DN2, rounding_shift_dn
 from ...lab.measure.image_quality.step_chart import NOISE_CONSTANT, SATURATION_CONSTANT
 from ...stages.stage import converter_of
-from ..datasheet import SIGMAS, Said, expected
-from ..rendered_field import field_at
-from ..virtual_bench import bench_shape, best_wavelength_nm
+from ..datasheet import SIGMAS, Datasheet, Said, expected, expected_of_filters, filter_keys
+from ..virtual_bench import bench_shape, best_wavelength_nm, field_at
 from .chart import Lights, Setting
 from .charts import EMVA_SIDE
 from .optics import levels_of_filters
 from .patches import STEPS_GRID, steps_light
 
-Theory = Mapping[str, Mapping[str, Said]]
-"""By the name of the colour filter (empty for a camera with one), then by the symbol of the figure."""
-TEMPERATURE_K = 298.15
-"""Of frames that do not say theirs."""
+DEFAULT_TEMPERATURE_K = 298.15
+"""Temperature of frames that do not state theirs."""
 SMOOTH_DN2 = 2 * COARSE_DN2
-"""Variance of codes from which on rounding adds 1/12 DN² to it, within 0.001 DN²; below there is no theory of noise."""
+"""Smallest variance of codes to which rounding adds 1/12 DN², within 0.001 DN²; below there is no theory of noise."""
 ROUNDING_DN = 0.5
-"""As far as rounding moves a mean at most."""
+"""Largest shift of a mean by rounding."""
 
 
-def names_of(camera: Camera) -> tuple[str, ...]:
-    """Names of the colour filters; an empty one for a camera with one filter."""
-    return camera.filter_names if len(camera.filter_names) > 1 else ("",)
-
-
-def closed_form(name: str, setting: Setting, lights: Lights) -> Theory:
-    """Theory of a chart by its name."""
+def closed_form(name: str, setting: Setting, lights: Lights) -> Datasheet:
+    """Return the theory of a chart by its name."""
     camera = setting.camera
     if name == "steps":
         photons, exposures = steps_light(setting, lights[0])
         electrons = levels_of_filters(camera, photons[-1], lights[0].bands) / exposures[-1]
         return {
-            name: steps_figures(setting, float(own), float(exposures.mean()))
-            for name, own in zip(names_of(camera), electrons, strict=True)
+            name: steps_figures(setting, float(per_lxs), float(exposures.mean()))
+            for name, per_lxs in zip(filter_keys(camera), electrons, strict=True)
         }
     rows, columns = bench_shape(camera, EMVA_SIDE)
     pixels = (rows // len(camera.tile)) * (columns // len(camera.tile[0]))
-    return of_datasheet(camera, setting.exposure, best_wavelength_nm(camera), pixels)
+    efficiency = field_at(camera, best_wavelength_nm(camera)).efficiency.tolist()
+    return expected_of_filters(camera, setting.exposure, efficiency, pixels)
 
 
-def theory_of_bench(camera: Camera, bench: Bench) -> Theory:
-    """Figures of a datasheet beside frames from disk, in the exposure of their flat fields."""
+def theory_of_bench(camera: Camera, bench: Bench) -> Datasheet:
+    """Return a datasheet's figures for frames from disk, at the exposure of their flat fields."""
     first = next(iter((*bench.flats, *bench.stacks)))
-    kelvin = TEMPERATURE_K if first.temperature_k is None else first.temperature_k
+    kelvin = DEFAULT_TEMPERATURE_K if first.temperature_k is None else first.temperature_k
     exposure = Exposure(min(one.exposure_s for one in bench.flats or (first,)), kelvin)
     pixels = next(iter(first.of_filters().values())).mean.size
-    return of_datasheet(camera, exposure, bench.wavelength_nm, pixels)
-
-
-def of_datasheet(
-    camera: Camera, exposure: Exposure, wavelength_nm: float | None, pixels: int
-) -> Theory:
-    """EMVA 1288's figures.  wavelength_nm : of the light, or None.  pixels : that are measured behind each filter."""
-    efficiency = None if wavelength_nm is None else field_at(camera, wavelength_nm).efficiency
-    return {
-        name: expected(
-            camera, exposure, None if efficiency is None else float(efficiency[number]), pixels
-        )
-        for number, name in enumerate(names_of(camera))
-    }
+    efficiency = None
+    if bench.wavelength_nm is not None:
+        efficiency = field_at(camera, bench.wavelength_nm).efficiency.tolist()
+    return expected_of_filters(camera, exposure, efficiency, pixels)
 
 
 def steps_figures(
     setting: Setting, electrons_per_lxs: float, mean_lxs: float
 ) -> dict[str, Said]:
-    """What a step chart shows of a camera whose response is a line, behind one filter.
+    """Return the figures of a step chart under one filter, for a camera with a linear response.
 
-    mean_lxs : exposure of the patches on average; a black level that rounding moved changes their slope by its share.
+    mean_lxs : mean exposure of the patches; a black level that rounding shifts changes their slope in proportion.
     """
     camera = setting.camera
-    known, adc = emva_figures(camera, setting.exposure), converter_of(camera.stages)
-    gain = known.system_gain_dn_per_e
+    emva, adc = emva_figures(camera, setting.exposure), converter_of(camera.stages)
+    gain = emva.system_gain_dn_per_e
     response, largest_dn = gain * electrons_per_lxs, adc.highest - adc.black_level_dn
-    temporal_dn2 = (gain * known.temporal_dark_noise_e) ** 2 + QUANTISATION_DN2
+    temporal_dn2 = (gain * emva.temporal_dark_noise_e) ** 2 + QUANTISATION_DN2
     black_dn = min(SIGMAS * rounding_shift_dn(temporal_dn2), ROUNDING_DN)
-    share = _share_of_chip(camera) + black_dn / (response * mean_lxs)
+    share = _share_of_unit(camera) + black_dn / (response * mean_lxs)
     saturation = SATURATION_CONSTANT * response / largest_dn
     said = {
         symbol: Said(value, value * (1 - share), value * (1 + share))
@@ -107,14 +89,14 @@ def steps_figures(
 
 
 def _fixed_patterns(setting: Setting, gain: float) -> list[tuple[float, float]]:
-    """Variance of DSNU [DN²] and square of PRNU in a patch: the camera's, and the least and the most that so few
-    columns may have."""
+    """Return the DSNU variance [DN²] and squared PRNU in a patch: the camera's, the least, and the most that the few
+    columns of a patch may have."""
     camera = setting.camera
     columns = STEPS_GRID.side(camera)[1] // len(camera.tile[0])
     patterns = expected(camera, setting.exposure, None, 1)
+    nothing = Said(0.0, 0.0, 0.0)
     pixel, column, row = (
-        patterns.get(f"DSNU1288_{name}", Said(0.0, 0.0, 0.0)).value
-        for name in ("pixel", "col", "row")
+        patterns.get(f"DSNU1288_{name}", nothing).value for name in ("pixel", "col", "row")
     )
     variances = []
     for sigmas in (0.0, -SIGMAS, SIGMAS):
@@ -126,7 +108,7 @@ def _fixed_patterns(setting: Setting, gain: float) -> list[tuple[float, float]]:
 
 
 def _signal(ratio: float, dark_dn2: float, gain: float, prnu2: float) -> float:
-    """The signal y [DN] with this ratio to the noise √(dark + K·y + PRNU²·y²); infinite if there is none."""
+    """Return the signal y [DN] with this ratio to the noise √(dark + K·y + PRNU²·y²); infinite if none has it."""
     rest = 1 - ratio**2 * prnu2
     if rest <= 0:
         return math.inf
@@ -134,7 +116,7 @@ def _signal(ratio: float, dark_dn2: float, gain: float, prnu2: float) -> float:
     return (linear + math.sqrt(linear**2 + 4 * rest * ratio**2 * dark_dn2)) / (2 * rest)
 
 
-def _share_of_chip(camera: Camera) -> float:
-    """By how much the response of the brightest patch may differ, whose columns have their PRNU."""
+def _share_of_unit(camera: Camera) -> float:
+    """Return the largest relative deviation of the brightest patch's response, from the PRNU of its columns."""
     columns = camera.readout.prnu_col / math.sqrt(STEPS_GRID.patch_px)
     return SIGMAS * math.hypot(columns, camera.pixel.prnu / STEPS_GRID.patch_px)

@@ -1,4 +1,4 @@
-"""Two sheets side by side: one table of figures of the same chart, filter and setting, and what is not compared."""
+"""A comparison of two sheets: a table of figures with equal chart, filter and setting, and the figures left over."""
 
 from __future__ import annotations
 
@@ -14,46 +14,49 @@ from ...lab.quantity import Quantity
 from ...pages.page import Dots, MarkedRow, Section, Study, study_of, table
 
 SHEET = "sheet.json"
-REMEDY = "give a folder that `mitsuba-sensor sheet` wrote, or the name of a camera"
+REMEDY = "give a folder that `mitsuba-sensor sheet` wrote, or a camera name"
 COLUMNS = {"chart", "filter", "symbol", "name", "unit", "gain", "temperature_k", "value"}
 COLUMNS |= {"low", "high", "mark"}
-CLEAR = 3.0
-"""Standard errors from which on a difference is counted."""
+DIFFERENCE_SIGMAS = 3.0
+"""Standard errors beyond which a difference is counted."""
 DRAWN_MAX = 40
-"""Most ratios of a picture."""
+"""Largest number of ratios in the picture."""
 RENDER_NOISE = "ε_render"
-"""The renderer's noise, which is no figure of a camera."""
+"""Symbol of the renderer's noise, which is not a camera figure."""
 
 
 class Sheet(NamedTuple):
-    """The rows of a sheet and its camera's name."""
+    """The rows of a sheet and the camera's name."""
 
     name: str
     rows: Sequence[Facts]
 
     @property
     def figures(self) -> list[Facts]:
-        """Rows with a value that belongs to the camera."""
-        own = (row for row in self.rows if row["symbol"] != RENDER_NOISE)
-        return [row for row in own if row["value"] is not None]
+        """Rows with a value of the camera."""
+        return [
+            row
+            for row in self.rows
+            if row["symbol"] != RENDER_NOISE and row["value"] is not None
+        ]
 
 
 def read_sheet(path: Path) -> Sheet:
-    """A sheet on disk.  path : its folder, or sheet.json.  Raises InputError for another file."""
+    """Read a sheet.  path : its folder, or sheet.json.  Raises InputError for another file."""
     file = path / SHEET if path.is_dir() else path
     found = read_json(file, REMEDY)
     rows = found.get("rows")
     if not isinstance(rows, list) or not all(
         isinstance(row, dict) and set(row) >= COLUMNS for row in rows
     ):
-        raise InputError(f"{file} is no sheet of a camera; {REMEDY}.")
+        raise InputError(f"{file} is not the sheet of a camera; {REMEDY}.")
     return Sheet(str(found.get("camera") or path.resolve().name), rows)
 
 
 def compared(first: Sheet, second: Sheet) -> Study:
-    """The page of two sheets; it has passed if neither sheet has a row that is not what theory says.
+    """Return the page of two sheets; it passes if no row of either sheet failed.
 
-    Raises InputError if no figure is in both.
+    Raises InputError if the sheets have no figure in common.
     """
     names = (first.name, second.name)
     if names[0] == names[1]:
@@ -65,25 +68,27 @@ def compared(first: Sheet, second: Sheet) -> Study:
             "--temperatures."
         )
     lines = [_values(*pair) for pair in pairs]
-    apart = sum(abs(one["z"] or 0.0) > CLEAR for one in lines)
+    apart = sum(abs(one["z"] or 0.0) > DIFFERENCE_SIGMAS for one in lines)
     findings = [
-        f"{apart} of {len(lines)} figures differ by more than {CLEAR:g} standard errors"
+        f"{apart} of {len(lines)} figures differ by more than {DIFFERENCE_SIGMAS:g} standard errors"
     ]
     failed, left = list[str](), list[MarkedRow]()
     for name, sheet, used in zip(names, (first, second), zip(*pairs, strict=True), strict=True):
         bad = [row for row in sheet.rows if row["mark"] == "bad"]
         if bad:
-            findings.append(f"{name} has {len(bad)} figures that are not what theory says")
+            findings.append(
+                f"{name}: {len(bad)} of {len(sheet.rows)} rows disagree with theory"
+            )
         failed += dict.fromkeys(f"{name}: {row['chart']} {row['symbol']}" for row in bad)
         left += [("", (name, *one)) for one in _left_out(sheet.figures, used)]
     if left:
-        findings.append("not compared: what only one sheet has, see the last table")
+        findings.append("not compared: figures that only one sheet has (last table)")
     both = f"{names[0]} | ± | {names[1]} | ±"
     shown = table(
         "Both cameras",
         f"chart | symbol | figure | filter | setting | {both} | unit | ratio | from | to | z",
         map(_cells, lines),
-        "± is half the 95 % interval; ratio with its 95 % interval; z: difference in standard errors.",
+        "± is half the 95 % interval; from, to: 95 % interval of the ratio; z: difference in standard errors.",
     )
     rest = table("Not compared", "camera | chart | figures | symbols", left)
     parts = (_ratios(f"{names[1]} over {names[0]}", lines), shown, rest)
@@ -93,9 +98,9 @@ def compared(first: Sheet, second: Sheet) -> Study:
 
 
 def _pairs(first: Sequence[Facts], second: Sequence[Facts]) -> Iterator[tuple[Facts, Facts]]:
-    """Figures of both sheets that belong together; a monochrome camera's with those of each filter.
+    """Yield matching figures of both sheets; a monochrome camera's figures match every filter.
 
-    Gain settings of equal names belong together; if no name is in both, those of the same number in each.
+    Gain settings match by name, or by position if no name is in both sheets.
     """
     gains = [list(dict.fromkeys(row["gain"] for row in rows)) for rows in (first, second)]
     if set(gains[0]) & set(gains[1]):
@@ -115,7 +120,7 @@ def _pairs(first: Sequence[Facts], second: Sequence[Facts]) -> Iterator[tuple[Fa
 
 
 def _left_out(rows: Sequence[Facts], used: Sequence[Facts]) -> Iterator[tuple[str, int, str]]:
-    """Chart, number and symbols of the figures that have no partner."""
+    """Yield chart, number and symbols of the figures without a match."""
     left: dict[str, list[str]] = {}
     for row in rows:
         if not any(row is one for one in used):
@@ -130,7 +135,7 @@ def _quantity(row: Facts) -> Quantity:
 
 
 def _values(first: Facts, second: Facts) -> Facts:
-    """One line of the comparison."""
+    """Return one line of the comparison."""
     values = {
         name: first[name] for name in ("chart", "symbol", "name", "unit", "temperature_k")
     }
@@ -148,7 +153,7 @@ def _values(first: Facts, second: Facts) -> Facts:
 
 
 def _cells(line: Facts) -> MarkedRow:
-    """A line of the table."""
+    """Return a line of the table."""
     kelvin, gains = line["temperature_k"], dict.fromkeys((line["gain_a"], line["gain_b"]))
     temperature = "" if kelvin is None else f"{kelvin:g} K"
     setting = ", ".join(filter(None, (*gains, temperature)))
@@ -160,12 +165,12 @@ def _cells(line: Facts) -> MarkedRow:
 
 
 def _ratios(name: str, lines: Sequence[Facts]) -> Dots:
-    """Ratios of the figures about a line at 1, those that are known best."""
+    """Return a picture of the most precise ratios about a line at 1."""
     known = [one for one in lines if one["ratio"] is not None and one["ratio_low"] > 0]
     best = sorted(known, key=lambda one: one["ratio_high"] / one["ratio_low"])[:DRAWN_MAX]
     shown = [one for one in known if one in best]
     labels = tuple(f"{one['symbol']} {one['filter']} ({one['chart']})" for one in shown)
     values = [(one["ratio"], one["ratio_low"], one["ratio_high"]) for one in shown]
-    note = f"Bars are 95 % intervals; {len(shown)} of {len(known)} ratios are shown, those with the narrowest."
+    note = f"Bars are 95 % intervals. {len(shown)} of {len(known)} ratios are shown, those with the shortest bars."
     level = 1.0, "equal"
     return Dots("Ratios of the figures", "ratio", labels, {name: values}, level, True, note)

@@ -1,6 +1,6 @@
-"""Charts as scenes of Mitsuba, and their light: rendered once for the optics of a camera, kept in the user's cache.
+"""Charts as Mitsuba scenes, and their light: rendered once for a camera's optics and kept in the user's cache.
 
-Charts are shining rectangles in front of a telecentric lens; 1 is the pitch of the pixels.
+Charts are emitting rectangles in front of a telecentric lens; the unit of length is the pixel pitch.
 """
 
 from __future__ import annotations
@@ -24,19 +24,21 @@ from ...render.light.photons import photons_per_irradiance
 from ...render.passes.prepared import render
 from ...render.variants import choose_variant
 
-EVEN = '<spectrum name="radiance" type="uniform"><float name="value" value="{value:.9g}"/></spectrum>'
+UNIFORM = '<spectrum name="radiance" type="uniform"><float name="value" value="{value:.9g}"/></spectrum>'
 DAYLIGHT = (
     '<spectrum name="radiance" type="d65"><float name="scale" value="{value:.9g}"/></spectrum>'
 )
-"""Radiance of a lamp of a flat spectrum and of CIE D65."""
+"""Radiance of a lamp with a flat spectrum and with CIE D65."""
 BITMAP_FILE = "{bitmap}"
-"""Stands for the file of a bitmap in the text of a scene."""
+"""Placeholder for the file of a bitmap in the text of a scene."""
 REPEATS = 3
-"""Of a bitmap along each side: the light that comes from beyond the picture is that of the bitmap, too."""
+"""Repeats of a bitmap along each side: light from beyond the image continues the bitmap."""
+KEPT = "data", "wavelengths_nm", "bandwidths_nm", "standard_error"
 RENDERERS = "mitsuba-sensor", "mitsuba", "drjit"
-"""Packages whose versions the light depends on."""
+"""Packages whose versions affect the light."""
+PITCHES = "pitch_x_um", "pitch_y_um"
 NARROW_NM = 10.0
-"""Width of the band of a chart that is seen in one colour."""
+"""Bandwidth of a chart with one wavelength."""
 
 
 class Bands(NamedTuple):
@@ -49,11 +51,11 @@ class Bands(NamedTuple):
 class ChartScene(NamedTuple):
     """A chart as a scene.
 
-    name : of its light.  text : the XML, or the name of a scene that ships.  samples : of each pixel.
-    wavelength_nm : of its only band; None: all bands that the camera detects.
-    width : columns of the picture, where they are not those of the scene.
-    pixels : of the camera along each side of one of the picture.
-    bitmap : radiance at the points of a bitmap, from the top, where the text has BITMAP_FILE.
+    name : of the kept light.  text : the XML, or the name of an included scene.  samples : per pixel.
+    wavelength_nm : of the only band; None for all bands that the camera detects.
+    width : columns of the image; None for the scene's own.
+    pixels : of the camera along each side of an image pixel.
+    bitmap : radiance at the points of a bitmap, from the top, which replaces BITMAP_FILE in the text.
     """
 
     name: str
@@ -65,22 +67,18 @@ class ChartScene(NamedTuple):
     bitmap: Float64Array | None = None
 
     def seen_by(self, camera: Camera) -> Camera:
-        """The camera with the pixels of the picture."""
+        """Return the camera with the pixel pitch of the image."""
         if self.pixels == 1:
             return camera
-        across, down = (camera.pixel.pitch_x_um, camera.pixel.pitch_y_um)
-        wider = {
-            "pixel.pitch_x_um": across * self.pixels,
-            "pixel.pitch_y_um": down * self.pixels,
-        }
-        return camera.replace(**wider)
+        pitch = {f"pixel.{name}": getattr(camera.pixel, name) * self.pixels for name in PITCHES}
+        return camera.replace(**pitch)
 
 
 class ChartLight(NamedTuple):
     """Irradiance of a chart.
 
-    data : (H, W, B) [W m⁻² nm⁻¹].  bands : of it.
-    standard_error : (H, W, B) of the render, in the same unit.
+    data : shape (H, W, B) [W m⁻² nm⁻¹].  bands : its spectral bands.
+    standard_error : of the render, shape (H, W, B), same unit.
     """
 
     data: Float64Array
@@ -90,39 +88,35 @@ class ChartLight(NamedTuple):
     def photons(
         self, camera: Camera, exposure: Exposure, irradiance: Float64Array
     ) -> Float64Array:
-        """Mean photons per pixel in one exposure of irradiance (…, B) in these bands."""
+        """Return the mean photons per pixel in one exposure to irradiance (…, B) in these bands."""
         return np.asarray(irradiance * photons_per_irradiance(camera, exposure, *self.bands))
 
     @property
     def render_noise_percent(self) -> float:
-        """Root mean square of the render noise of all pixels, over the brightest light [%]."""
+        """Root mean square of the render noise over the brightest light [%]."""
         widths = self.bands.bandwidths_nm
         noise = np.sqrt(np.square(self.standard_error * widths).sum(axis=-1))
         return 100 * float(np.sqrt(np.square(noise).mean()) / (self.data @ widths).max())
 
 
 def light_of(scene: ChartScene, camera: Camera) -> ChartLight:
-    """The light of a chart for the lens and the pixels of a camera: kept, else rendered and kept.
-
-    Raises InputError where the renderer does.
-    """
+    """Return the light of a chart for a camera's lens and pixels; render and keep it if it is not kept yet."""
     name = kept_name(scene, camera)
     kept = read_kept(name)
     if kept is None:
-        kept = _rendered(scene, camera)
-        keep(name, kept)
+        keep(name, kept := _rendered(scene, camera))
     bands = Bands(kept["wavelengths_nm"], kept["bandwidths_nm"])
     data, error = (kept[name].astype(np.float64) for name in ("data", "standard_error"))
     return ChartLight(data, bands, error)
 
 
 def kept_name(scene: ChartScene, camera: Camera) -> str:
-    """Under which the light of a chart is kept."""
+    """Return the name under which the light of a chart is kept."""
     return f"chart-{scene.name}-{fingerprint(scene, camera)}"
 
 
 def fingerprint(scene: ChartScene, camera: Camera) -> str:
-    """A hash of all that the light depends on: the chart, the lens, the pixels, the bands, and the renderer."""
+    """Return a hash of everything that affects the light: chart, lens, pixels, bands and renderer."""
     pixel, version_of = camera.pixel, versions()
     parts = (
         scene._replace(bitmap=None),
@@ -140,19 +134,19 @@ def fingerprint(scene: ChartScene, camera: Camera) -> str:
 
 @contextmanager
 def _text_of(scene: ChartScene) -> Iterator[str]:
-    """The text of a scene, with its bitmap in a file for as long as it is needed."""
+    """Yield the text of a scene, with its bitmap in a temporary file."""
     with TemporaryDirectory() as folder:
         file = Path(folder) / "bitmap.exr"
         if scene.bitmap is not None:
-            write_planes(file, {}, {"Y": Plane(scene.bitmap[::-1])})  # from the bottom
+            write_planes(file, {}, {"Y": Plane(scene.bitmap[::-1])})  # EXR starts at the bottom
         yield scene.text.replace(BITMAP_FILE, str(file))
 
 
 def _rendered(scene: ChartScene, camera: Camera) -> dict[str, np.ndarray]:
-    """The arrays that are kept."""
-    own = {}
+    """Render the arrays to keep."""
+    band = {}
     if scene.wavelength_nm is not None:
-        own = {"wavelength_nm": scene.wavelength_nm, "bandwidth_nm": NARROW_NM}
+        band = {"wavelength_nm": scene.wavelength_nm, "bandwidth_nm": NARROW_NM}
     with _text_of(scene) as text:
         light = render(
             text,
@@ -164,18 +158,13 @@ def _rendered(scene: ChartScene, camera: Camera) -> dict[str, np.ndarray]:
             spectral="cube",
             denoise=False,
             width=scene.width,
-            **own,  # type: ignore[arg-type]
+            **band,  # type: ignore[arg-type]
         )
-    return {
-        "data": light.data,
-        "wavelengths_nm": light.wavelengths_nm,
-        "bandwidths_nm": light.bandwidths_nm,
-        "standard_error": light.standard_error,
-    }
+    return {name: getattr(light, name) for name in KEPT}
 
 
 def telecentric_scene(shape: tuple[int, int], elements: Iterable[str]) -> str:
-    """The XML of a scene.  shape : rows and columns of the picture; its middle is at (0, 0)."""
+    """Return the XML of a scene.  shape : rows and columns of the image, which is centred on (0, 0)."""
     half = shape[1] / 2
     sensor = (
         f'<sensor type="orthographic"><transform name="to_world"><scale x="{half:g}" y="{half:g}"/>'
@@ -185,15 +174,14 @@ def telecentric_scene(shape: tuple[int, int], elements: Iterable[str]) -> str:
 
 
 def surrounded_scene(shape: tuple[int, int], field_deg: float) -> str:
-    """The XML of even light from everywhere.  field_deg : field of view across."""
+    """Return the XML of uniform light from all directions.  field_deg : horizontal field of view."""
     sensor = f'<sensor type="perspective"><float name="fov" value="{field_deg:g}"/>'
-    return _scene(
-        sensor, shape, [f'<emitter type="constant">{EVEN.format(value=1.0)}</emitter>']
-    )
+    emitter = f'<emitter type="constant">{UNIFORM.format(value=1.0)}</emitter>'
+    return _scene(sensor, shape, [emitter])
 
 
 def _scene(sensor: str, shape: tuple[int, int], elements: Iterable[str]) -> str:
-    """The XML of a scene.  sensor : the beginning of its element, without film and sampler."""
+    """Return the XML of a scene.  sensor : the start of its element, without film and sampler."""
     rows, columns = shape
     return f"""<scene version="3.0.0">
 <integrator type="path"><integer name="max_depth" value="1"/></integrator>
@@ -210,11 +198,11 @@ def emitter_rectangle(
     half: tuple[float, float],
     turned_deg: float,
     radiance: float,
-    spectrum: str = EVEN,
+    spectrum: str = UNIFORM,
 ) -> str:
-    """A rectangle that shines towards the camera.
+    """Return the XML of a rectangle that emits towards the camera.
 
-    middle, half : its middle and half its sides, before it is turned about (0, 0) by so many degrees, anticlockwise.
+    middle, half : its middle and half its sides, before it turns about (0, 0) by ``turned_deg``, anticlockwise.
     """
     return (
         f'<shape type="rectangle"><transform name="to_world"><scale x="{half[0]:g}" y="{half[1]:g}"/>'
@@ -224,7 +212,7 @@ def emitter_rectangle(
 
 
 def bitmap_lamp(shape: tuple[int, int]) -> str:
-    """A lamp that shines as a bitmap says, which fills the picture and repeats beyond.  shape : rows and columns."""
+    """Return the XML of a lamp whose radiance is a bitmap, which fills the image and repeats beyond it."""
     rows, columns = shape
     return (
         f'<shape type="rectangle"><transform name="to_world"><scale x="{REPEATS * columns / 2:g}" '

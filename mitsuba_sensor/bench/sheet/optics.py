@@ -1,6 +1,6 @@
-"""What the pixels see of a chart without noise: pixel × lens × charge × coupling in closed form, then the lens's glare.
+"""Noise-free images of charts in closed form: pixel × lens × charge diffusion × coupling, then the lens's glare.
 
-The charts are lit by one narrow lamp for each colour filter, at the wavelength where the filter sees most.
+One narrow lamp for each colour filter lights the charts, at the wavelength of the filter's highest QE.
 """
 
 from __future__ import annotations
@@ -22,32 +22,32 @@ from .light import NARROW_NM, Bands
 
 Kernel = tuple[tuple[float, ...], ...]
 FINE, PERIOD_PX = 128, 512
-"""Points per pixel and length of the edge spread that is computed: frequencies up to 64 cycles per pixel."""
+"""Points per pixel and length of the computed edge spread: frequencies up to 64 cycles per pixel."""
 
 
 def bands_of_lamps(camera: Camera) -> Bands:
-    """A narrow band about each wavelength where a colour filter sees most, each wavelength once."""
+    """Return a narrow band at the wavelength of highest QE of each colour filter, each wavelength once."""
     points = np.array(camera.quantum_efficiency.wavelengths_nm, np.float64)
     centres = np.unique(points[camera.qe(points).argmax(axis=1)])
     return Bands(centres, np.full(centres.shape, NARROW_NM))
 
 
 def rendered_nm(camera: Camera, one_shape: bool) -> list[float]:
-    """The lamps whose light is rendered.  one_shape : whether the light of all lamps has one shape."""
+    """Return the rendered lamps [nm]: only the first one if the light of all lamps has the same shape."""
     centres: list[float] = bands_of_lamps(camera).wavelengths_nm.tolist()
     return centres[:1] if one_shape else centres
 
 
 def levels_of_filters(camera: Camera, light: Float64Array, bands: Bands) -> Float64Array:
-    """Photoelectrons behind each colour filter of mean photons (…, B), (…, F)."""
+    """Return the photoelectrons under each colour filter, (…, F), for mean photons (…, B)."""
     efficiency = camera.qe(bands.wavelengths_nm, bands.bandwidths_nm)
     return np.asarray(light @ np.asarray(efficiency).T)
 
 
 def even_photons(camera: Camera, share: float) -> Float64Array:
-    """Mean photons of all lamps (B,) that fill the filter that sees most to this share of its saturation.
+    """Return the mean photons of all lamps, (B,), that bring the most sensitive filter to this fraction of saturation.
 
-    Each lamp gives the same electrons where it is seen best.
+    Each lamp gives the same number of electrons under its most sensitive filter.
     """
     bands = bands_of_lamps(camera)
     most_e = camera.qe(*bands).max(axis=0)
@@ -58,14 +58,17 @@ def even_photons(camera: Camera, share: float) -> Float64Array:
 def photons_of_shapes(
     camera: Camera, shapes: Sequence[Float64Array], share: float
 ) -> Float64Array:
-    """Mean photons of all lamps (H, W, B).  shapes : light (H, W, 1) of each lamp, or one for all; ``share`` at 1."""
+    """Return the mean photons of all lamps, (H, W, B).
+
+    shapes : light (H, W, 1) of each lamp, or one for all lamps.  share : of saturation where a shape is 1.
+    """
     return np.asarray(np.concatenate(shapes, axis=-1) * even_photons(camera, share))
 
 
 class Transfer(NamedTuple):
-    """Modulation transfer of the light of all lamps behind one colour filter.
+    """Modulation transfer of the light of all lamps under one colour filter.
 
-    electrons : from each lamp, over all, (B,).  kernels : shares that pixels give to those about them.
+    electrons : fraction from each lamp, (B,).  kernels : fractions of the charge that neighbours receive.
     """
 
     camera: Camera
@@ -73,33 +76,31 @@ class Transfer(NamedTuple):
     kernels: tuple[Kernel, ...]
 
     def at(self, across: Float64Array, down: Float64Array) -> Float64Array:
-        """Real transfer at frequencies along the rows and along the columns [cycles per pixel], without glare."""
+        """Return the real transfer without glare at frequencies across and down [cycles per pixel]."""
         pixel, lens = self.camera.pixel, self.camera.lens
         width, height = pixel.aperture_shape.sides
         total = np.sinc(across * width) * np.sinc(down * height)
         for kernel in self.kernels:
             total = total * _of_kernel(kernel, across, down)
-        wavelengths, diffusion = (
-            bands_of_lamps(self.camera).wavelengths_nm,
-            Diffusion.from_camera(self.camera),
-        )
+        wavelengths = bands_of_lamps(self.camera).wavelengths_nm
+        diffusion = Diffusion.from_camera(self.camera)
         per_um = np.hypot(across / pixel.pitch_x_um, down / pixel.pitch_y_um)
         of_lamps = np.zeros(np.shape(total))
         for number, share in enumerate(self.electrons):
-            own = np.asarray(share)
+            of_lamp = np.asarray(share)
             if lens.diffraction:
                 cut = per_um * wavelengths[number] * 1e-3 * lens.f_number
-                own = own * diffraction_mtf(cut, lens.obstruction)
+                of_lamp = of_lamp * diffraction_mtf(cut, lens.obstruction)
             if diffusion is not None:
                 shares = (diffusion.shares(axis, wavelengths)[:, number] for axis in (0, 1))
                 for collected, frequency in zip(shares, (down, across), strict=True):
-                    own = own * _of_shares(collected, frequency)
-            of_lamps = of_lamps + own
+                    of_lamp = of_lamp * _of_shares(collected, frequency)
+            of_lamps = of_lamps + of_lamp
         return np.asarray(total * of_lamps)
 
 
 def coupling_of(camera: Camera) -> tuple[Kernel, ...] | None:
-    """Kernels of crosstalk and of inter-pixel capacitance; None for pixels of a mosaic that share charge."""
+    """Return the kernels of crosstalk and inter-pixel capacitance; None if pixels of a mosaic share charge."""
     section, readout = camera.quantum_efficiency, camera.readout
     kernels: list[Kernel] = []
     crosstalk = section.crosstalk or (section.crosstalk_from or {}).get(camera.filter_names[0])
@@ -115,11 +116,16 @@ def coupling_of(camera: Camera) -> tuple[Kernel, ...] | None:
     return tuple(kernels)
 
 
-def picture_of(camera: Camera, draw: Callable[[Transfer], Float64Array]) -> Float64Array | None:
-    """What the pixels of the mosaic see, (H, W), in shares of the light of each filter; None without a closed form.
+def is_alike(camera: Camera) -> bool:
+    """Return True if all colour filters have the same transfer."""
+    return not camera.lens.diffraction and Diffusion.from_camera(camera) is None
 
-    A lens prescription, half a pupil, pixels that are more sensitive in some places and pixels of a mosaic that share
-    charge have none.  draw : the picture behind one filter, of its transfer.
+
+def picture_of(camera: Camera, draw: Callable[[Transfer], Float64Array]) -> Float64Array | None:
+    """Return the noise-free image (1, H, W) in fractions of each filter's light; None without a closed form.
+
+    A lens prescription, half-pupils, pixels with uneven sensitivity and a mosaic whose pixels share charge have no
+    closed form.  draw : returns the image (H, W) under one filter for its transfer.
     """
     lens, kernels = camera.lens, coupling_of(camera)
     traced = lens.prescription is not None or lens.half_pupil is not None
@@ -127,16 +133,18 @@ def picture_of(camera: Camera, draw: Callable[[Transfer], Float64Array]) -> Floa
         return None
     bands = bands_of_lamps(camera)
     electrons = levels_of_filters(camera, np.diag(even_photons(camera, 1.0)), bands)
-    pictures = []
-    for own in electrons.T:
-        picture = draw(Transfer(camera, own / own.sum(), kernels))
-        pictures.append(_with_glare(camera, picture))
-    index = camera.filter_index(pictures[0].shape)
-    return np.asarray(np.choose(index, pictures) if len(pictures) > 1 else pictures[0])
+    filters = electrons.T[:1] if is_alike(camera) else electrons.T
+    pictures = [
+        _with_glare(camera, draw(Transfer(camera, of_filter / of_filter.sum(), kernels)))
+        for of_filter in filters
+    ]
+    if len(pictures) == 1:
+        return pictures[0][None]
+    return np.asarray(np.choose(camera.filter_index(pictures[0].shape), pictures))[None]
 
 
 def _with_glare(camera: Camera, picture: Float64Array) -> Float64Array:
-    """A picture (H, W) behind the glare of the lens."""
+    """Return a picture (H, W) with the lens's glare."""
     if not camera.lens.veiling_glare:
         return picture
     bands = picture[..., None].astype(np.float32)
@@ -147,7 +155,7 @@ def _with_glare(camera: Camera, picture: Float64Array) -> Float64Array:
 
 
 def _of_kernel(kernel: Kernel, across: Float64Array, down: Float64Array) -> Float64Array:
-    """Transform of shares over its value at 0, its real part: that of a symmetric kernel."""
+    """Return the transform of a kernel over its value at 0; the real part, as of a symmetric kernel."""
     shares, reach = np.array(kernel), len(kernel) // 2
     total = np.zeros(np.broadcast_shapes(np.shape(across), np.shape(down)))
     for row, column in np.ndindex(shares.shape):
@@ -157,7 +165,7 @@ def _of_kernel(kernel: Kernel, across: Float64Array, down: Float64Array) -> Floa
 
 
 def _of_shares(shares: Float64Array, frequency: Float64Array) -> Float64Array:
-    """Transform of the shares of charge that pixels 0, 1, … away collect on either side."""
+    """Return the transform of the fractions of charge that pixels 0, 1, … away collect on either side."""
     total = np.ones(np.shape(frequency))
     for distance, share in enumerate(shares[1:], start=1):
         total = total - 2 * share * (1 - np.cos(2 * math.pi * distance * frequency))
@@ -167,9 +175,9 @@ def _of_shares(shares: Float64Array, frequency: Float64Array) -> Float64Array:
 def picture_of_edge(
     transfer: Transfer, shape: tuple[int, int], normal_deg: float
 ) -> Float64Array:
-    """The picture (H, W) of an edge through the middle that rises from 0 to 1.
+    """Return the image (H, W) of an edge through the middle that rises from 0 to 1.
 
-    normal_deg : direction in which it rises, from the rows, anticlockwise.
+    normal_deg : direction of the rise, anticlockwise from the rows.
     """
     cosine, sine = math.cos(math.radians(normal_deg)), math.sin(math.radians(normal_deg))
     frequency = np.arange(FINE * PERIOD_PX // 2 + 1, dtype=np.float64) / PERIOD_PX
@@ -183,7 +191,7 @@ def picture_of_edge(
 
 
 def shown(bitmap: Float64Array, dense: int) -> Float64Array:
-    """What a lamp shows at the points of a bitmap, which repeats: linear interpolation between them takes some away.
+    """Return the light of a repeating bitmap at its points after linear interpolation, which reduces its contrast.
 
     dense : points along a pixel.
     """
@@ -193,15 +201,15 @@ def shown(bitmap: Float64Array, dense: int) -> Float64Array:
 
 
 def picture_of_bitmap(transfer: Transfer, bitmap: Float64Array, dense: int) -> Float64Array:
-    """What the pixels see of a bitmap (H, W).  dense : points along a pixel."""
+    """Return the image (H, W) of a bitmap.  dense : points along a pixel."""
     down, across = _frequencies(bitmap, dense)
-    to_middle = 1j * math.pi * (1 - 1 / dense)  # from its first point to that of a pixel
+    to_middle = 1j * math.pi * (1 - 1 / dense)  # from the first point of a pixel
     spectrum = scipy.fft.rfft2(shown(bitmap, dense)) * transfer.at(across, down[:, None])
     spectrum *= np.exp(to_middle * down)[:, None] * np.exp(to_middle * across)
     return np.asarray(scipy.fft.irfft2(spectrum, bitmap.shape)[::dense, ::dense])
 
 
 def _frequencies(bitmap: Float64Array, dense: int) -> tuple[Float64Array, Float64Array]:
-    """Those of a real spectrum, down and across [cycles per pixel]."""
+    """Return the frequencies of a real spectrum, down and across [cycles per pixel]."""
     rows, columns = bitmap.shape
     return scipy.fft.fftfreq(rows, 1 / dense), scipy.fft.rfftfreq(columns, 1 / dense)

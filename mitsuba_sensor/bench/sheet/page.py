@@ -1,4 +1,4 @@
-"""Rows of a sheet as a page: for each chart a table of all settings, the plots of the first one, and a frame."""
+"""A sheet as a page: for each chart a table of all settings, the plots of the first setting, and a frame."""
 
 from __future__ import annotations
 
@@ -39,19 +39,22 @@ HEADINGS = (
     "symbol | figure | filter | gain | temperature [K] | measured | 95 % from | to | unit | theory | z | section | "
     "note"
 )
-OF_TABLE = (
+ON_TERMINAL = (
+    "symbol | filter | gain | temperature [K] | measured | 95 % from | to | unit | theory | z"
+)
+TABLE_NOTE = (
     "z: distance from theory in standard errors. A row fails if the figure is farther from theory, or from the range "
-    "in which single sensor units lie, than chance allows for so many figures: once in 100 sheets."
+    "of single sensor units, than chance allows in one of 100 sheets; limits (< and >) are not judged."
 )
 TRENDS = "K", "σ_d", "µ_I.mean", "DSNU1288", "DR", "MTF50"
-"""Figures that are drawn over the temperature."""
+"""Figures drawn versus temperature."""
 KELVINS = 33
-"""Points of theory's curve over the temperature."""
+"""Points of the theory curve versus temperature."""
 
 
 def sheet_study(name: str, parts: Sequence[ChartPart], **about: object) -> Study:
-    """The page of a camera.  about : what page and sheet.json say beside the figures."""
-    rows = list(rows_of(parts))
+    """Return the page of a camera.  about : further facts for the page and sheet.json."""
+    rows = rows_of(parts)
     limit = z_limit(sum(bool(row.beside) for row in rows))
     charts = list(dict.fromkeys(part.name for part in parts))
     sections = [
@@ -63,7 +66,7 @@ def sheet_study(name: str, parts: Sequence[ChartPart], **about: object) -> Study
 
 
 def draw_filters(entries: Sequence[tuple[str, Draw, Draw | None]], ax: Axes) -> None:
-    """What was measured behind each filter in its colour, and theory as dashed lines."""
+    """Draw the measurement under each filter in its colour, and theory as dashed lines."""
     for number, (name, measured, theory) in enumerate(entries):
         if len(entries) > 1:
             ax.set_prop_cycle(color=[colour_of(name, number)])
@@ -86,7 +89,7 @@ def draw_filters(entries: Sequence[tuple[str, Draw, Draw | None]], ax: Axes) -> 
 
 
 def _label(artists: Sequence[Any], name: str) -> None:
-    """Name what was drawn in the legend: by its own label too, if there are several."""
+    """Label new artists in the legend; several artists with labels keep them."""
     own = [one for one in artists if not str(one.get_label() or "_").startswith("_")]
     for one in own if len(own) > 1 else artists[:1]:
         label = f"{name}, {one.get_label()}" if len(own) > 1 else name
@@ -94,14 +97,14 @@ def _label(artists: Sequence[Any], name: str) -> None:
 
 
 def mean_of_tiles(frame: Float64Array, tile: tuple[int, int]) -> Float64Array:
-    """A frame with one value for each tile of its mosaic, without pixels of tiles that are cut off."""
+    """Return the mean of each whole tile of the mosaic."""
     rows, columns = (count // step for count, step in zip(frame.shape, tile, strict=True))
     whole = frame[: rows * tile[0], : columns * tile[1]]
     return np.asarray(whole.reshape(rows, tile[0], columns, tile[1]).mean(axis=(1, 3)))
 
 
 def draw_frame(frame: Float64Array, tile: tuple[int, int], ax: Axes) -> None:
-    """A frame from 0 to its largest code, with a scale."""
+    """Draw a frame from 0 to its largest code, with a colour bar."""
     drawn = ax.imshow(mean_of_tiles(frame, tile), cmap="gray", interpolation="nearest", vmin=0)
     ax.figure.colorbar(drawn, ax=ax, label="digital number [DN]")
     ax.grid(visible=False)
@@ -109,15 +112,15 @@ def draw_frame(frame: Float64Array, tile: tuple[int, int], ax: Axes) -> None:
 
 
 def mark_of(row: Row, limit: float) -> Mark:
-    """``good`` or ``bad`` beside theory, nothing without."""
+    """Return ``good`` or ``bad``, or nothing without theory."""
     if not row.beside:
         return ""
     return "good" if abs(row.beside["z_of_chip"]) < limit else "bad"
 
 
 def _section(parts: Sequence[ChartPart], limit: float) -> Section:
-    """One chart at all settings."""
-    first, rows = parts[0], list(rows_of(parts))
+    """Return the section of one chart at all settings."""
+    first, rows = parts[0], rows_of(parts)
     bad = [row for row in rows if mark_of(row, limit) == "bad"]
     compared, findings = sum(bool(row.beside) for row in rows), list[str]()
     if compared:
@@ -128,22 +131,19 @@ def _section(parts: Sequence[ChartPart], limit: float) -> Section:
         f"{first.name} at {part.setting}: {text}" for part in parts for text in part.refused
     ]
     findings += [f"not measured: {sentence}" for sentence in refused]
-    content: list[Part] = [
-        table(first.title, HEADINGS, [_table_row(row, limit) for row in rows], OF_TABLE),
-        *_trends(parts),
-    ]
+    lines = [_table_row(row, limit) for row in rows]
+    shown = table(first.title, HEADINGS, lines, TABLE_NOTE, ON_TERMINAL)
+    content: list[Part] = [shown, *_trends(parts)]
     for title, entries in first.drawings.items():
         note = f"At {first.setting}."
         if any(theory is not None for *_, theory in entries):
-            note += " Dashed: the same instrument on the picture without noise."
+            note += " Dashed: the same instrument on the noise-free image."
         draw = partial(draw_filters, entries)
         content.append(Drawing(f"{title}: {first.title.partition(':')[0]}", draw, note))
     if first.picture is not None:
         note = f"Frame at {first.setting}."
         if first.tile != (1, 1):
-            note += (
-                f" Shown: the mean of {first.tile[0]} × {first.tile[1]} pixels of the mosaic."
-            )
+            note += f" Each point is the mean of {first.tile[0]} × {first.tile[1]} pixels of the mosaic."
         draw = partial(draw_frame, first.picture, first.tile)
         content.append(Drawing(f"Frame: {first.title.partition(':')[0]}", draw, note))
     failed = tuple(dict.fromkeys(f"{first.name} {row.quantity.symbol}" for row in bad))
@@ -153,7 +153,7 @@ def _section(parts: Sequence[ChartPart], limit: float) -> Section:
 
 
 def _told(row: Row) -> str:
-    """A figure that is not what theory says, in one sentence."""
+    """Return a sentence about a figure that disagrees with theory."""
     quantity, theory = row.quantity, row.beside["datasheet"]
     where = " ".join(filter(None, (row.chart, row.filter_name, row.gain)))
     both = f"{quantity.symbol} ({where}): measured {quantity.value:.4g}, theory {theory:.4g}"
@@ -161,18 +161,24 @@ def _told(row: Row) -> str:
 
 
 def _table_row(row: Row, limit: float) -> MarkedRow:
-    """A line of the table."""
-    values = row.to_dict()
-    numbers = (values["value"], values["low"], values["high"])
-    cells = (values["symbol"], values["name"], *numbers, values["unit"], values["theory"])
-    symbol, name, value, low, high, unit, theory = with_digits(cells)
-    z = None if values["z"] is None else f"{values['z']:.2f}"
-    shown = (symbol, name, row.filter_name, row.gain, row.temperature_k, value, low, high)
-    return mark_of(row, limit), (*shown, unit, theory, z, values["section"], values["note"])
+    """Return a line of the table."""
+    figure = row.quantity
+    value, low, high, theory = with_digits(figure, None if row.said is None else row.said.value)
+    setting = (row.filter_name, row.gain, row.temperature_k)
+    z = f"{row.beside['z']:.2f}" if row.beside else None
+    numbers = (value, low, high, figure.unit, theory, z)
+    return mark_of(row, limit), (
+        figure.symbol,
+        figure.name,
+        *setting,
+        *numbers,
+        figure.section,
+        figure.note,
+    )
 
 
 def _trends(parts: Sequence[ChartPart]) -> Iterator[Plot]:
-    """Figures over the temperature, for each gain and filter; theory is the model's own curve."""
+    """Yield plots versus temperature, with each gain and filter; theory is the model's curve."""
     rows = [(row, part.at_kelvin) for part in parts for row in part.rows]
     kelvins = sorted({row.temperature_k for row, _ in rows if row.temperature_k is not None})
     if len(kelvins) < 2:
@@ -190,8 +196,8 @@ def _trends(parts: Sequence[ChartPart]) -> Iterator[Plot]:
                 kind = row.filter_name.partition(" (")[0]
                 said = [(kelvin, at_kelvin(kelvin)[kind].get(symbol)) for kelvin in grid]
                 points = [(kelvin, one.value) for kelvin, one in said if one is not None]
-                own = f"theory {label}".removesuffix(" measured")
-                curves[label] = line(own, points, marked=False, dashed=True)
+                name = f"theory {label}".removesuffix(" measured")
+                curves[label] = line(name, points, marked=False, dashed=True)
         if lines:
             drawn = [line(label, points, joined=False) for label, points in lines.items()]
             unit, drawn = chosen[0][0].quantity.unit, [*drawn, *curves.values()]
@@ -201,7 +207,7 @@ def _trends(parts: Sequence[ChartPart]) -> Iterator[Plot]:
 
 
 def csv_text(rows: Sequence[dict[str, object]]) -> str:
-    """The rows as comma-separated lines below their names."""
+    """Return the rows as comma-separated lines with a header."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
     writer.writeheader()

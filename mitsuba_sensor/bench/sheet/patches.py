@@ -1,7 +1,7 @@
 """Charts of patches: a step chart and a ColorChecker.
 
-A patch has the mean light of a smaller one in the render, so render noise is in the levels of the patches and not in
-the noise of their pixels.
+Every pixel of a patch has the mean light of a smaller patch in the render, so render noise changes the levels of the
+patches and not the noise of their pixels.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ from .optics import coupling_of, levels_of_filters
 STEPS, STEPS_BRIGHTEST = np.concatenate([[0.0], np.geomspace(0.002, 1.0, 15)]), 0.9
 """Reflectances of the step chart, and light of its brightest patch over saturation."""
 COLOURS_BRIGHTEST, PATCH_SPP = 0.8, 64
-"""Light of the brightest patch over saturation, and samples of the renders."""
+"""Light of the brightest ColorChecker patch over saturation, and samples of the renders."""
 
 
 class PatchGrid(NamedTuple):
     """Patches of equal size.
 
-    rows, columns : of patches.  rendered_px : side of one in the render.
-    margin_px : what of it on each side may be frame, or blurred by the lens.  patch_px : side of one in the frames.
+    rows, columns : number of patches.  rendered_px : side of a patch in the render.
+    margin_px : width of its border that may be frame or blurred by the lens.  patch_px : side in the frames.
     """
 
     rows: int
@@ -60,14 +60,14 @@ class PatchGrid(NamedTuple):
     patch_px: int
 
     def irradiance(self, light: ChartLight) -> Float64Array:
-        """Of every patch without its margin, row by row, (P, B) [W m⁻² nm⁻¹]."""
+        """Return the mean irradiance of every patch without its margin, row by row, (P, B) [W m⁻² nm⁻¹]."""
         side, bands = self.rendered_px, light.data.shape[-1]
         patches = light.data.reshape(self.rows, side, self.columns, side, bands)
         inside = slice(self.margin_px, -self.margin_px)
         return np.asarray(patches[:, inside, :, inside].mean(axis=(1, 3)).reshape(-1, bands))
 
     def side(self, camera: Camera) -> tuple[int, int]:
-        """Rows and columns of a patch in the frames, whole tiles of the mosaic."""
+        """Return the rows and columns of a patch in the frames, whole tiles of the mosaic."""
         shape = chart_shape(camera, self.rows * self.patch_px, self.columns * self.patch_px)
         tile = len(camera.tile), len(camera.tile[0])
         return (
@@ -76,13 +76,13 @@ class PatchGrid(NamedTuple):
         )
 
     def regions(self, camera: Camera) -> list[list[int]]:
-        """First row, first column, rows and columns of every patch in the frames, for ``chart.toml``."""
+        """Return first row, first column, rows and columns of every patch in the frames, as in ``chart.toml``."""
         rows, columns = self.side(camera)
         places = np.ndindex(self.rows, self.columns)
         return [[row * rows, column * columns, rows, columns] for row, column in places]
 
     def spread(self, camera: Camera, patches: Float64Array) -> Float64Array:
-        """Values of patches (P, …) on the pixels of the frames, (H, W, …)."""
+        """Spread values of patches, (P, …), over the pixels of the frames, (H, W, …)."""
         rows, columns = self.side(camera)
         grid = patches.reshape(self.rows, self.columns, -1)
         return grid.repeat(rows, axis=0).repeat(columns, axis=1)
@@ -92,24 +92,24 @@ STEPS_GRID, COLOURS_GRID = PatchGrid(4, 4, 12, 3, 40), PatchGrid(4, 6, 16, 4, 24
 
 
 def scaled(camera: Camera, photons: Float64Array, bands: Bands, share: float) -> Float64Array:
-    """Photons (P, B), scaled: the brightest patch has this share of saturation behind the filter that sees most."""
+    """Scale photons (P, B) so the brightest patch has this fraction of saturation under the most sensitive filter."""
     most_e = levels_of_filters(camera, photons, bands).max()
     return np.asarray(photons * (share * saturation_e(camera) / most_e))
 
 
 def patches_of(facts: Facts) -> tuple[list[Region], list[float]]:
-    """Places and exposures [lx s] of the patches that ``chart.toml`` names. Raises InputError if it does not."""
+    """Return places and exposures [lx s] of the patches in ``chart.toml``. Raises InputError if they are missing."""
     regions: Any = facts.get("patches")
     exposures: Any = facts.get("exposure_lxs")
     are_regions = isinstance(regions, list) and all(map(_is_region, regions))
     are_exposures = isinstance(exposures, list) and all(map(is_number, exposures))
-    if not (are_regions and are_exposures and len(regions or ()) == len(exposures or ())):
+    if not (are_regions and are_exposures and len(regions) == len(exposures)):
         raise InputError(
-            "chart.toml of a chart of patches has patches = [[first row, first column, rows, columns], …] and "
+            "chart.toml of a chart of patches needs patches = [[first row, first column, rows, columns], …] and "
             "exposure_lxs = […], the illuminance at the focal plane times the exposure time of each patch; "
-            "docs/image-quality.md shows one."
+            "see docs/image-quality.md."
         )
-    return [tuple(region) for region in regions or ()], exposures or []
+    return [tuple(region) for region in regions], exposures
 
 
 def _is_region(value: object) -> bool:
@@ -119,8 +119,8 @@ def _is_region(value: object) -> bool:
     return all(type(number) is int and number >= 0 for number in value)
 
 
-def behind_one_filter(regions: Sequence[Region], step: tuple[int, int]) -> list[Region]:
-    """The regions in the plane of one place of the mosaic."""
+def in_plane(regions: Sequence[Region], step: tuple[int, int]) -> list[Region]:
+    """Return the regions in one plane of the mosaic."""
     return [
         (top // step[0], left // step[1], rows // step[0], columns // step[1])
         for top, left, rows, columns in regions
@@ -128,7 +128,7 @@ def behind_one_filter(regions: Sequence[Region], step: tuple[int, int]) -> list[
 
 
 def steps_scenes(camera: Camera) -> list[ChartScene]:
-    """Sixteen grey patches in daylight, in rows from the darkest to the brightest."""
+    """Return sixteen grey patches in daylight, in rows from the darkest to the brightest."""
     side, patches = STEPS_GRID.rendered_px, []
     half, reach = side / 2, STEPS_GRID.rows * side / 2
     for number, reflectance in enumerate(STEPS):
@@ -141,57 +141,54 @@ def steps_scenes(camera: Camera) -> list[ChartScene]:
 
 
 def steps_light(setting: Setting, light: ChartLight) -> tuple[Float64Array, Float64Array]:
-    """Mean photons per pixel of every patch, (P, B), and its exposure, (P,) [lx s].
+    """Return the mean photons per pixel of every patch, (P, B), and its exposure, (P,) [lx s].
 
-    All patches have the spectrum of the lamp, which is the mean of theirs.
+    All patches get the lamp's spectrum, which is the mean over the patches.
     """
     means = STEPS_GRID.irradiance(light)
     levels = means @ light.bands.bandwidths_nm
     irradiance = levels[:, None] * means.sum(axis=0) / levels.sum()
     photons = light.photons(setting.camera, setting.exposure, irradiance)
-    own = scaled(setting.camera, photons, light.bands, STEPS_BRIGHTEST)
+    bright = scaled(setting.camera, photons, light.bands, STEPS_BRIGHTEST)
     lux = np.array([luminous(light.bands.wavelengths_nm, spectrum) for spectrum in irradiance])
-    return own, lux * own[-1].sum() / photons[-1].sum() * setting.exposure.time_s
+    return bright, lux * bright[-1].sum() / photons[-1].sum() * setting.exposure.time_s
 
 
 def steps_frames(setting: Setting, lights: Lights) -> Taken:
-    """Frames of the chart and dark ones."""
+    """Take frames of the chart and dark frames."""
     photons, exposures = steps_light(setting, lights[0])
-    shown_light = STEPS_GRID.spread(setting.camera, photons)
-    bench = bench_of(setting, shown_light, lights[0].bands, "steps", (8, 8))
+    light = STEPS_GRID.spread(setting.camera, photons)
+    bench = bench_of(setting, light, lights[0].bands, "steps", (8, 8))
     regions = STEPS_GRID.regions(setting.camera)
     return Taken(bench, {"patches": regions, "exposure_lxs": exposures.tolist()})
 
 
 def steps_instrument(taken: Taken) -> list[Measured]:
-    """Response, speeds and dynamic range."""
+    """Measure response, speeds and dynamic range."""
     (regions, exposures), step = patches_of(taken.facts), step_of(taken.bench)
 
     def measure(bench: Bench, _: object) -> tuple[Sequence[Quantity], dict[str, Draw]]:
         frames, black = frames_and_black(bench.scenes, bench)
-        own = behind_one_filter(regions, step)
-        chart = step_chart(frames, own, exposures, black_dn=black)
-        return chart.quantities, {
-            "Response (OECF)": chart.plot,
-            "Signal-to-noise ratio": chart.plot_snr,
-        }
+        chart = step_chart(frames, in_plane(regions, step), exposures, black_dn=black)
+        drawings: dict[str, Draw] = {"Response (OECF)": chart.plot}
+        return chart.quantities, drawings | {"Signal-to-noise ratio": chart.plot_snr}
 
     return each_filter(taken, measure)
 
 
 def colours_scenes(camera: Camera) -> list[ChartScene]:
-    """The scene that ships with the package, small."""
+    """Return the included scene, small."""
     width = COLOURS_GRID.columns * COLOURS_GRID.rendered_px
     return [ChartScene("colours", "color_checker", PATCH_SPP, width=width)]
 
 
 def colours_frames(setting: Setting, lights: Lights) -> Taken:
-    """Frames of the chart and dark ones."""
+    """Take frames of the chart and dark frames."""
     camera, (light,) = setting.camera, lights
     photons = light.photons(camera, setting.exposure, COLOURS_GRID.irradiance(light))
     patches = scaled(camera, photons, light.bands, COLOURS_BRIGHTEST)
-    shown_light = COLOURS_GRID.spread(camera, patches)
-    bench = bench_of(setting, shown_light, light.bands, "colours", (4, 8))
+    spread = COLOURS_GRID.spread(camera, patches)
+    bench = bench_of(setting, spread, light.bands, "colours", (4, 8))
     ideal = None
     if coupling_of(camera) == ():
         levels = COLOURS_GRID.spread(camera, levels_of_filters(camera, patches, light.bands))
@@ -202,13 +199,13 @@ def colours_frames(setting: Setting, lights: Lights) -> Taken:
 
 
 def colours_instrument(taken: Taken) -> list[Measured]:
-    """Colour differences through the best matrix, of all filters together."""
-    regions = behind_one_filter(patches_of(taken.facts)[0], step_of(taken.bench))
+    """Measure colour differences after the best matrix, for all filters together."""
+    regions = in_plane(patches_of(taken.facts)[0], step_of(taken.bench))
     try:
         planes = planes_of_filters(taken.bench)
         if len(planes) < 3:
             raise InputError(
-                f"the frames have {len(planes)} colour filter(s); a colour matrix needs 3: give the tile in bench.toml."
+                "the frames have fewer than 3 colour filters, which a colour matrix needs; give the tile in bench.toml."
             )
         chart = colour_chart(np.stack(list(planes.values()), axis=2), regions)
     except InputError as error:

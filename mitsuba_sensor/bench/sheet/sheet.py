@@ -1,10 +1,10 @@
-"""The sheet of a camera: one loop over charts and settings, whose rows are figures with theory beside."""
+"""The sheet of a camera: one loop over charts and settings; its rows are figures next to theory."""
 
 from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -19,11 +19,11 @@ from ...files.texts import Facts, read_toml
 from ...lab.frames.bench import Bench, read_bench
 from ...lab.frames.stack import rounding_shift_dn
 from ...lab.quantity import Quantity, no_value
-from ..datasheet import SIGMAS, Said
-from ..figures_page import beside_datasheet
+from ..datasheet import SIGMAS, Datasheet, Said, of_filter
+from ..figures_page import beside_datasheet, has_interval
 from .chart import Chart, Draw, Lights, Measured, Setting, Taken
 from .charts import CHARTS
-from .closed_forms import ROUNDING_DN, Theory, closed_form, theory_of_bench
+from .closed_forms import ROUNDING_DN, closed_form, theory_of_bench
 from .light import light_of
 
 Report = Callable[[int, int, str], None]
@@ -31,16 +31,16 @@ RENDER_NOISE = no_value(
     "ε_render", "render noise of the light, over the brightest", "%", "mitsuba-sensor"
 )
 FACTS = "chart.toml"
-SMALLEST_DN = 1e-3
-"""Shifts of a black level below this are not looked at [DN]."""
+SHIFT_MIN_DN = 1e-3
+"""Smallest shift of a black level that widens theory [DN]."""
 
 
 @dataclass(frozen=True)
 class Row:
     """One figure of the sheet.
 
-    chart : its name.  filter_name : of the colour filter, or empty.  gain, temperature_k : of the setting.
-    said : theory, and the range of single chips, or None.
+    filter_name : of the colour filter, or empty.  gain, temperature_k : of the setting.
+    said : theory with the range of single sensor units, or None.
     """
 
     chart: str
@@ -52,13 +52,13 @@ class Row:
 
     @property
     def beside(self) -> Mapping[str, float]:
-        """Theory and distances from it; empty if there is none or nothing was measured."""
-        if self.said is None or not math.isfinite(self.quantity.value):
+        """Theory and the distance from it; empty without theory and for figures without an interval."""
+        if self.said is None or not has_interval(self.quantity):
             return {}
         return beside_datasheet(self.quantity, {self.quantity.symbol: self.said})
 
     def to_dict(self) -> Facts:
-        """Plain values of one line of sheet.json and sheet.csv; None for no number."""
+        """Return the values of one line of sheet.json and sheet.csv; None for no number."""
         quantity, said = self.quantity, self.said or Said(*3 * (math.nan,))
         numbers = {"value": quantity.value, "low": quantity.low, "high": quantity.high}
         numbers |= {"theory": said.value, "theory_low": said.low, "theory_high": said.high}
@@ -79,11 +79,11 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class ChartPart:
-    """What one chart gave at one setting.
+    """Results of one chart at one setting.
 
-    drawings : by title, for each filter what was measured and what theory draws, or None.
+    drawings : by title, for each filter the drawing of the measurement and of theory, or None.
     picture : the first frame, or None.  tile : rows and columns of its mosaic.  refused : sentences.
-    at_kelvin : theory at another temperature, or None.
+    at_kelvin : returns theory at another temperature, or None.
     """
 
     name: str
@@ -96,24 +96,24 @@ class ChartPart:
     picture: Float64Array | None = None
     refused: Sequence[str] = ()
     tile: tuple[int, int] = (1, 1)
-    at_kelvin: Callable[[float], Theory] | None = None
+    at_kelvin: Callable[[float], Datasheet] | None = None
 
 
 def settings_of(
-    camera: Camera, gains: Sequence[str], kelvins: Sequence[float], chip: tuple[int, int]
+    camera: Camera, gains: Sequence[str], kelvins: Sequence[float], unit: tuple[int, int]
 ) -> list[Setting]:
-    """Every gain ("all" for each of the camera) at every temperature.
+    """Return every gain ("all" for all gains of the camera) at every temperature.
 
-    chip : serial number, and seed of the temporal noise.  Raises InputError for gains that the camera does not have.
+    unit : serial number, and seed of the temporal noise.  Raises InputError for gains that the camera does not have.
     """
     if list(gains) == ["all"]:
         gains = [one.label for one in camera.gains]
         if not gains:
             raise InputError(f"{camera.name} has no gain settings; omit --gains.")
     if len(set(gains)) < len(gains):
-        raise InputError(f"--gains names a setting twice: {', '.join(gains)}; name it once.")
+        raise InputError(f"--gains repeats a setting: {', '.join(gains)}; name each once.")
     return [
-        Setting(camera.at_gain(gain or None), gain, kelvin, *chip)
+        Setting(camera.at_gain(gain or None), gain, kelvin, *unit)
         for gain in gains or [""]
         for kelvin in kelvins
     ]
@@ -122,16 +122,16 @@ def settings_of(
 def simulated_sheet(
     camera: Camera, settings: Sequence[Setting], charts: Sequence[Chart], report: Report
 ) -> list[ChartPart]:
-    """Every chart at every setting of a simulated camera.
+    """Measure every chart at every setting of a simulated camera.
 
-    report : told how many steps are done, how many there are, and what is done now.
-    Raises InputError for a camera with several readouts, and for charts that show nothing of it.
+    report : gets the number of steps done, their total, and the current step.
+    Raises InputError for a camera with several readouts, and if no chart suits the camera.
     """
-    refuse_readouts(camera, "a sheet has the figures of one of them")
+    refuse_readouts(camera, "a sheet measures one of them")
     charts = [chart for chart in charts if len(camera.filter_names) >= chart.filters]
     if not charts:
         raise InputError(
-            f"{camera.name} has one colour filter, and the chart colours needs three; choose another of --charts."
+            f"{camera.name} has one colour filter, and the chart colours needs three; choose other --charts."
         )
     scenes = [(chart, scene) for chart in charts for scene in chart.scenes(camera)]
     total = len(scenes) + len(settings) * len(charts)
@@ -149,7 +149,7 @@ def simulated_sheet(
 
 
 def simulated_part(chart: Chart, setting: Setting, lights: Lights) -> ChartPart:
-    """One chart at one setting. What the camera cannot do is a sentence."""
+    """Measure one chart at one setting; a chart that the camera cannot have is a sentence."""
     name, where = chart.name, named(setting.gain, setting.temperature_k)
     try:
         taken = chart.frames(setting, lights)
@@ -157,7 +157,8 @@ def simulated_part(chart: Chart, setting: Setting, lights: Lights) -> ChartPart:
         closed = closed_form(name, setting, lights) if chart.closed_form else {}
     except InputError as error:
         return ChartPart(name, chart.title, where, (), refused=(str(error),))
-    part = part_of_frames(chart, name, taken, closed or _said(chart, taken, ideal), ideal)
+    said = closed or _said(chart, taken, ideal)
+    part = part_of_frames(chart, name, replace(taken, is_alike=False), said, ideal)
     if chart.closed_form:
         part = replace(part, at_kelvin=partial(_at_kelvin, name, setting, lights))
     if not lights:
@@ -168,74 +169,74 @@ def simulated_part(chart: Chart, setting: Setting, lights: Lights) -> ChartPart:
     return replace(part, rows=[*part.rows, last])
 
 
-def _at_kelvin(name: str, setting: Setting, lights: Lights, kelvin: float) -> Theory:
+def _at_kelvin(name: str, setting: Setting, lights: Lights, kelvin: float) -> Datasheet:
     return closed_form(name, setting._replace(temperature_k=kelvin), lights)
 
 
 def theory_of(
     chart: Chart, taken: Taken, pictures: Float64Array | None = None
 ) -> dict[str, Measured]:
-    """What the instrument finds in the pictures without noise, by filter; empty if there are none."""
+    """Measure the noise-free images with the instrument, by filter; empty without such images."""
     pictures = taken.ideal if pictures is None else pictures
     if pictures is None:
         return {}
-    (scene, *_), (dark, *_) = taken.bench.scenes, taken.bench.darks
+    scene, dark = taken.bench.scenes[0], taken.bench.darks[0]
     ideal = replace(scene, frames=pictures, bits=None)
     black = replace(dark, frames=np.zeros((1, *scene.shape)), bits=None)
-    found = chart.instrument(replace(taken, bench=Bench((), (black,), (), (ideal,))))
-    return {one.filter_name: one for one in found}
+    measured = chart.instrument(replace(taken, bench=Bench((), (black,), (), (ideal,))))
+    return {one.filter_name: one for one in measured}
 
 
-def _said(chart: Chart, taken: Taken, ideal: Mapping[str, Measured]) -> Theory:
-    """Theory with the range in which single units lie, and those whose black level rounding moved."""
-    chips = [theory_of(chart, taken, pictures) for pictures in taken.chips]
-    moved = [theory_of(chart, taken, pictures) for pictures in _moved_by_rounding(taken)]
+def _said(chart: Chart, taken: Taken, ideal: Mapping[str, Measured]) -> Datasheet:
+    """Return theory with the range of single sensor units, and of units whose black level rounding shifts."""
+    units = [theory_of(chart, taken, pictures) for pictures in taken.chips]
+    shifted = [theory_of(chart, taken, pictures) for pictures in _shifted_by_rounding(taken)]
     said: dict[str, dict[str, Said]] = {}
-    for name, one in ideal.items():
+    for name, measured in ideal.items():
         said[name] = {}
-        for figure in one.figures:
+        for figure in measured.figures:
             symbol, value = figure.symbol, figure.value
             others, ends = (
-                [x.value for chip in some for x in chip[name].figures if x.symbol == symbol]
-                for some in (chips, moved)
+                [x.value for one in several for x in one[name].figures if x.symbol == symbol]
+                for several in (units, shifted)
             )
             spread = SIGMAS * float(np.std(others)) if others else 0.0
             if math.isfinite(value):
-                low, high = min(value, *ends, value), max(value, *ends, value)
+                low, high = min([value, *ends]), max([value, *ends])
                 said[name][symbol] = Said(value, low - spread, high + spread)
     return said
 
 
-def _moved_by_rounding(taken: Taken) -> list[Float64Array]:
-    """The pictures without noise above a black level that rounding moved as far as it may; none of loud frames."""
+def _shifted_by_rounding(taken: Taken) -> list[Float64Array]:
+    """Return the noise-free images above the lowest and highest black level of rounding; none if noise hides it."""
     scene, dark = taken.bench.scenes[0], taken.bench.darks[0]
     black_dn = min(SIGMAS * rounding_shift_dn(float(dark.variance.mean())), ROUNDING_DN)
-    if taken.ideal is None or black_dn < SMALLEST_DN:
+    if taken.ideal is None or black_dn < SHIFT_MIN_DN:
         return []
     step = black_dn * float(taken.ideal.mean()) / float((scene.mean - dark.mean).mean())
     return [taken.ideal - step, taken.ideal + step]
 
 
 def part_of_frames(
-    chart: Chart, name: str, taken: Taken, theory: Theory, ideal: Mapping[str, Measured]
+    chart: Chart, name: str, taken: Taken, theory: Datasheet, ideal: Mapping[str, Measured]
 ) -> ChartPart:
-    """What the instrument of a chart finds in frames.  name : of the chart, on the sheet."""
+    """Measure frames with the instrument of a chart.  name : of the chart on the sheet."""
     first = next(iter((*taken.bench.flats, *taken.bench.scenes, *taken.bench.stacks)))
     rows: list[Row] = []
     drawings: dict[str, list[tuple[str, Draw, Draw | None]]] = {}
     refused: list[str] = []
-    for found in chart.instrument(taken):
-        filter_name = found.filter_name
-        said = theory.get(filter_name) or theory.get(filter_name.partition(" (")[0], {})
+    for measured in chart.instrument(taken):
+        filter_name = measured.filter_name
+        said = of_filter(theory, filter_name)
         rows += [
             Row(name, filter_name, first.gain, first.temperature_k, one, said.get(one.symbol))
-            for one in found.figures
+            for one in measured.figures
         ]
         drawn = ideal[filter_name].drawings if chart.drawn and filter_name in ideal else {}
-        for title, draw in found.drawings.items():
+        for title, draw in measured.drawings.items():
             drawings.setdefault(title, []).append((filter_name, draw, drawn.get(title)))
         where = f" (filter {filter_name})" if filter_name else ""
-        refused += [f"{sentence}{where}" for sentence in found.refused]
+        refused += [f"{sentence}{where}" for sentence in measured.refused]
     tile = first.tile or (("",),)
     picture = next((stack.frames[0] for stack in taken.bench.scenes), None)
     where = named(first.gain, first.temperature_k)
@@ -244,23 +245,21 @@ def part_of_frames(
 
 
 def named(gain: str, temperature_k: float | None) -> str:
-    """``800, 298.15 K``: what a setting is called."""
+    """Return the name of a setting: ``800, 298.15 K``."""
     temperature = None if temperature_k is None else f"{temperature_k:g} K"
     return ", ".join(filter(None, (gain, temperature))) or "its only setting"
 
 
-def rows_of(parts: Sequence[ChartPart]) -> Iterator[Row]:
-    """All rows, in the order of charts and settings."""
-    for part in parts:
-        yield from part.rows
+def rows_of(parts: Sequence[ChartPart]) -> list[Row]:
+    """Return all rows, in the order of charts and settings."""
+    return [row for part in parts for row in part.rows]
 
 
 def sheet_of_frames(path: Path, camera: Camera | None, report: Report) -> list[ChartPart]:
-    """What the instruments find in frames of a real camera, each gain setting apart.
+    """Measure frames of a real camera, each gain setting separately.
 
-    path : of a folder with a folder for each chart, with bench.toml and chart.toml in it.
-    camera : whose datasheet is shown next to the figures of EMVA 1288, or None.
-    Raises InputError for what cannot be read.
+    path : of a folder with a folder for each chart, which contains bench.toml and chart.toml.
+    camera : its datasheet is shown next to the EMVA 1288 figures, or None.
     """
     folders, parts = chart_folders(path), []
     for number, (folder, chart) in enumerate(folders.items()):
@@ -268,7 +267,7 @@ def sheet_of_frames(path: Path, camera: Camera | None, report: Report) -> list[C
         bench, facts = read_bench(folder), facts_of(folder)
         for gain in bench.gains:
             taken = Taken(bench.at_gain(gain), facts)
-            theory: Theory = {}
+            theory: Datasheet = {}
             if camera is not None and chart.kind == "emva":
                 theory = theory_of_bench(camera, taken.bench)
             parts.append(part_of_frames(chart, folder.name, taken, theory, {}))
@@ -276,36 +275,36 @@ def sheet_of_frames(path: Path, camera: Camera | None, report: Report) -> list[C
 
 
 def chart_folders(path: Path) -> dict[Path, Chart]:
-    """The folders of charts, each with the chart whose kind its name begins with. Raises InputError for none."""
+    """Return the folders of charts and the chart that begins each folder's name. Raises InputError without any."""
     if not path.is_dir():
         raise InputError(
-            f"--frames {path} is no folder; give one with a folder for each chart."
+            f"--frames {path} is not a folder; give a folder with a folder for each chart."
         )
     of_kind: dict[str, Chart] = {}
     for chart in CHARTS:
         of_kind.setdefault(chart.kind, chart)
-    begin = f"their names begin with {', '.join(of_kind)}; see docs/sheet.md."
-    found = {}
+    begin = f"their names begin with {', '.join(of_kind)}; see docs/image-quality.md."
+    folders = {}
     for folder in sorted(one for one in path.iterdir() if one.is_dir()):
         kind = next((kind for kind in of_kind if folder.name.startswith(kind)), None)
         if kind is not None:
-            found[folder] = of_kind[kind]
+            folders[folder] = of_kind[kind]
         elif meant := nearest(folder.name, of_kind):
-            raise InputError(f"{folder} is no folder of a chart; {begin}{meant}")
-    if not found:
+            raise InputError(f"{folder} is not a folder of a chart; {begin}{meant}")
+    if not folders:
         raise InputError(f"{path} has no folder of a chart; {begin}")
-    return found
+    return folders
 
 
 def facts_of(folder: Path) -> Facts:
-    """What ``chart.toml`` says, if there is one. Raises InputError for a file that is no TOML."""
+    """Return the contents of ``chart.toml``, if the folder has it. Raises InputError for invalid TOML."""
     file = folder / FACTS
     if not file.exists():
         return {}
     try:
         facts = read_toml(file)
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{file} is no TOML: {error}.") from None
+        raise InputError(f"{file} is not valid TOML: {error}.") from None
     if isinstance(facts.get("chart"), str):
         facts["chart"] = folder / facts["chart"]
     return facts

@@ -1,1 +1,1 @@
-"""Datasets in the files of other programs."""
+"""Exports of datasets to files for other programs."""

@@ -1,4 +1,4 @@
-"""No files beside the card, which says how to read the dataset itself."""
+"""The card alone, which explains how to read the dataset itself."""
 
 from __future__ import annotations
 
@@ -6,6 +6,6 @@ from .export import Job
 
 
 def write(job: Job) -> str:
-    """Write nothing; the card has the code that reads the dataset."""
+    """Write nothing: the card has the code that reads the dataset."""
     job.done(len(job.samples))
     return ""

@@ -1,7 +1,7 @@
 """COCO annotations of the instances in pictures: masks, boxes, areas and categories, from the AOV shape_index.
 
-A shape of the scene file is one instance, its name (id) the category. Masks are exact, occlusions and holes included:
-compressed run lengths of pycocotools, which loaders take for any annotation.
+A shape of the scene file is one instance, and its name (id) is the category. Masks are exact, including occlusions and
+holes, as compressed run lengths of pycocotools, which every loader accepts.
 """
 
 from __future__ import annotations
@@ -23,18 +23,16 @@ masks = [data.annToMask(one) for one in data.loadAnns(data.getAnnIds(imgIds=pict
 
 
 def write(job: Job) -> str:
-    """Write images/KEY.png and annotations/instances_SPLIT.json. Returns how to read."""
+    """Write images/KEY.png and annotations/instances_SPLIT.json. Returns code that reads them."""
     licence = {"id": 1, "name": job.licence or "none given", "url": ""}
     files: dict[str, dict[str, Any]] = {}
     categories: dict[str, int] = {}
     task, instances = "", list[dict[str, Any]]()
     for sample in job.samples:
-        if sample.task != task:  # samples of one task follow one another
-            aovs = sample.aovs("shape_index")
-            task, instances = (
-                sample.task,
-                [*_instances(aovs.shape_index, aovs.shapes, categories)],
-            )
+        if sample.task != task:  # the samples of a task follow one another
+            aovs = sample.aovs()
+            instances = [*_instances(aovs.shape_index, aovs.shapes, categories)]
+            task = sample.task
         about = {"info": {"description": job.title, "version": "1.0"}, "licenses": [licence]}
         empty = {**about, "images": [], "annotations": []}
         content = files.setdefault(sample.split or "all", empty)
@@ -44,8 +42,8 @@ def write(job: Job) -> str:
         facts |= {"width": image["columns"], "height": image["rows"], "values": sample.values}
         name = job.picture(sample, f"images/{sample.key}")
         images.append({"id": number, "file_name": name, "license": 1, **facts})
-        for one in instances:
-            annotations.append({"id": len(annotations) + 1, "image_id": number, **one})
+        for instance in instances:
+            annotations.append({"id": len(annotations) + 1, "image_id": number, **instance})
     for split, content in files.items():
         content["categories"] = [{"id": n, "name": x} for x, n in categories.items()]
         job.json(f"annotations/instances_{split}.json", content)
@@ -55,9 +53,10 @@ def write(job: Job) -> str:
 def _instances(
     shape_index: NDArray[Any], shapes: Sequence[str], categories: dict[str, int]
 ) -> Iterator[dict[str, Any]]:
-    """Category, mask, area and box of each shape in a picture, in the order of their indices.
+    """Yield category, mask, area and box of each shape in a picture, in the order of their indices.
 
-    shape_index : (H, W), −1 where nothing is.  shapes : names, by index.  categories : their numbers, which grow.
+    shape_index : shape (H, W), −1 without a surface.  shapes : names, by index.  categories : name → number; new names
+    are added.
     """
     from pycocotools import mask
 

@@ -1,7 +1,7 @@
 """COLMAP text model: cameras.txt, images.txt and an empty points3D.txt.
 
-The middle of the upper left pixel is (0.5, 0.5) there, hence cx and cy are larger by 0.5 than OpenCV's. PINHOLE has
-no distortion, OPENCV has k1, k2, p1, p2, and FULL_OPENCV k3 too.
+The centre of the upper left pixel is (0.5, 0.5) in COLMAP, hence cx and cy are larger by 0.5 than OpenCV's. PINHOLE has
+no distortion, OPENCV has k1, k2, p1, p2, and FULL_OPENCV also has k3.
 """
 
 from __future__ import annotations
@@ -19,13 +19,11 @@ model = pycolmap.Reconstruction("{world}/sparse/0")  # its pictures are in {worl
 
 
 def write(job: Job) -> str:
-    """Write SCENE/sparse/0/ with the model and SCENE/images/KEY.png. Returns how to read."""
+    """Write SCENE/sparse/0/ with the model and SCENE/images/KEY.png. Returns code that reads them."""
     for world, samples in worlds(job).items():
-        numbers = {
-            one: number
-            for number, one in enumerate(dict.fromkeys(x.calibration for x in samples), 1)
-        }
-        cameras = [_line(number, *camera_line(one)) for one, number in numbers.items()]
+        calibrations = dict.fromkeys(x.calibration for x in samples)
+        numbers = {calibration: number for number, calibration in enumerate(calibrations, 1)}
+        cameras = [_line(number, *camera_line(x)) for x, number in numbers.items()]
         images = []
         for number, (sample, calibration, pose) in enumerate(samples, 1):
             name = job.picture(sample, f"{world}/images/{sample.key}")
@@ -43,7 +41,7 @@ def write(job: Job) -> str:
 
 
 def camera_line(calibration: Calibration) -> tuple[str | float, ...]:
-    """Model, size and parameters."""
+    """Return model, size and parameters of a camera."""
     k1, k2, p1, p2, k3 = calibration.distortion
     model, more = "PINHOLE", list[float]()
     if k3:

@@ -1,7 +1,7 @@
 """EuRoC: SEQUENCE/mav0/cam0/data/TIME.png, data.csv and sensor.yaml, and the poses in state_groundtruth_estimate0.
 
-The middle of the upper left pixel is (0, 0). The body, whose poses are given, is the first camera; times are
-nanoseconds. There is no inertial sensor. camchain.yaml has the same cameras for Kalibr.
+The centre of the upper left pixel is (0, 0). The body is the first camera; times are nanoseconds. There is no inertial
+sensor. camchain.yaml has the same cameras for Kalibr.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ HOW = """import csv
 import yaml
 from evo.tools.file_interface import read_euroc_csv_trajectory
 
-folder = "{sequence}/mav0"  # sequences.json says what it is of
+folder = "{sequence}/mav0"  # sequences.json describes it
 trajectory = read_euroc_csv_trajectory(f"{{folder}}/state_groundtruth_estimate0/data.csv")
 with open(f"{{folder}}/cam0/sensor.yaml") as camera, open(f"{{folder}}/cam0/data.csv") as pictures:
     print(yaml.safe_load(camera)["intrinsics"], [*csv.reader(pictures)][1], trajectory.poses_se3[0])
@@ -33,11 +33,11 @@ STATE_COLUMNS = (
 NO_BIAS = [0.0] * 6
 NS_PER_S = 10**9
 TIME_DIGITS = 19
-"""Of a time in nanoseconds, so that the order of names is that of times."""
+"""Digits of a time in nanoseconds, so names sort by time."""
 
 
 def write(job: Job) -> str:
-    """Write all sequences, and sequences.json, which says what each one is. Returns how to read."""
+    """Write all sequences, and sequences.json, which describes them. Returns code that reads them."""
     about = {}
     for number, sequence in enumerate(sequences(job)):
         name = f"{sequence.scene}_{number:02d}"
@@ -69,7 +69,7 @@ def write(job: Job) -> str:
 
 
 def _write_camera(job: Job, place: str, times: Sequence[str], frames: Sequence[Posed]) -> None:
-    """data/TIME.png and data.csv of a camera."""
+    """Write data/TIME.png and data.csv of a camera."""
     rows = ["#timestamp [ns],filename\n"]
     for time, (sample, *_) in zip(times, frames, strict=True):
         rows.append(f"{time},{job.picture(sample, f'{place}/data/{time}')}\n")
@@ -77,7 +77,7 @@ def _write_camera(job: Job, place: str, times: Sequence[str], frames: Sequence[P
 
 
 def _sensor(calibration: Calibration) -> dict[str, object]:
-    """Entries of sensor.yaml; a fifth coefficient is k3, where there is one."""
+    """Return the entries of sensor.yaml; the fifth coefficient is k3, if it is not 0."""
     *distortion, k3 = calibration.distortion
     return {
         "resolution": [calibration.columns, calibration.rows],
@@ -89,7 +89,7 @@ def _sensor(calibration: Calibration) -> dict[str, object]:
 
 
 def _camchain(sequence: ImageSequence) -> dict[str, object]:
-    """Kalibr's cameras; T_cn_cnm1 is from each camera to the next one."""
+    """Return Kalibr's cameras; T_cn_cnm1 maps from each camera to the next one."""
     chain, before = dict[str, object](), np.eye(4)
     for number, (camera, frames) in enumerate(sequence.cameras.items()):
         entries = _sensor(frames[0].calibration)
@@ -105,18 +105,18 @@ def _camchain(sequence: ImageSequence) -> dict[str, object]:
 
 
 def _times(sequence: ImageSequence) -> list[str]:
-    """Times of the frames [ns] as text. Raises InputError for two that are the same."""
+    """Return the times of the frames [ns] as text. Raises InputError for equal times."""
     times_ns = np.rint(sequence.times_s * NS_PER_S).astype(np.int64)
     if (np.diff(times_ns) <= 0).any():
         raise InputError(
-            f"frames of {sequence.scene} are less than 1 ns apart, which EuRoC cannot say; give the keys of its path "
-            "other time_s."
+            f"frames of {sequence.scene} are less than 1 ns apart, but EuRoC has whole nanoseconds; give the keys of "
+            "its path other time_s."
         )
     return [f"{time_ns:0{TIME_DIGITS}d}" for time_ns in times_ns.tolist()]
 
 
 def _states(sequence: ImageSequence, times: Sequence[str]) -> list[str]:
-    """Time, position, quaternion w x y z, velocity and zeros for the biases of each frame."""
+    """Return time, position, quaternion w x y z, velocity, and zeros for the biases of each frame."""
     positions_m = np.array([pose[:3, 3] for pose in sequence.poses])
     velocities = np.zeros_like(positions_m)
     if len(times) > 1:
@@ -129,12 +129,12 @@ def _states(sequence: ImageSequence, times: Sequence[str]) -> list[str]:
 
 
 def _rate_hz(times_s: Float64Array) -> float:
-    """Frames per second; 0 for one frame."""
+    """Return the frame rate [Hz]; 0 for one frame."""
     if len(times_s) == 1:
         return 0.0
     return (len(times_s) - 1) / float(times_s[-1] - times_s[0])
 
 
 def _matrix(pose: Float64Array) -> dict[str, object]:
-    """T_BS, from the sensor to the body."""
+    """Return T_BS, from the sensor to the body."""
     return {"cols": 4, "rows": 4, "data": pose.ravel().tolist()}

@@ -1,4 +1,4 @@
-"""Exports a dataset to the files of another program, in a new folder with a card that says what is in it."""
+"""Exports a dataset to files for another program, in a new folder with a card that describes it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ DEFAULT_ARRAYS = ("raw", "clean", "variance")
 
 
 class Exported(NamedTuple):
-    """What became of an export.  samples : that it has.  remarks : what it does not have, and why."""
+    """Result of an export.  samples : number of its samples.  remarks : what it lacks, and why."""
 
     samples: int
     remarks: list[str]
@@ -40,8 +40,8 @@ class Exported(NamedTuple):
 class Job:
     """One export.
 
-    samples : in the order of the dataset.  folder : empty, and renamed when all is done.  options : complete.
-    file : that the dataset was made from.  progress : told how many samples are done, of how many.
+    samples : in the order of the dataset.  folder : empty, and renamed at the end.  options : complete.
+    file : of the dataset.  progress : called with the number of samples done, and of all samples.
     left_out : keys of samples that cannot be in the export.  remarks : sentences for people and for the card.
     """
 
@@ -61,21 +61,21 @@ class Job:
 
     @property
     def licence(self) -> str:
-        """As the options say it, or the dataset file."""
+        """Licence in the options, else in the dataset file."""
         return self.options["licence"] or self.file.licence
 
     @property
     def shard_bytes(self) -> int:
-        """Largest size of a file."""
+        """Size limit of a file [bytes]."""
         return int(self.options["shard_mb"]) * MB
 
     def done(self, samples: int = 1) -> None:
-        """So many more samples are written, or left out."""
+        """Count samples that are written or left out."""
         self._done += samples
         self.progress(self._done, len(self.samples))
 
     def splits(self) -> dict[str, Dataset]:
-        """Split → its samples."""
+        """Return split → its samples."""
         return {split: self.samples.where(split=split) for split in self.samples.splits}
 
     def remark(self, sentence: str) -> None:
@@ -84,35 +84,36 @@ class Job:
             self.remarks.append(sentence)
 
     def leave_out(self, samples: Sequence[Sample], what: str, why: str) -> None:
-        """Note that samples cannot be in the export.  what : they are.  why : for the remark."""
+        """Leave samples out, with a remark.  what : they are.  why : they are left out."""
         self.left_out.update(sample.key for sample in samples)
         self.done(len(samples))
         count = "one sample" if len(samples) == 1 else f"{len(samples)} samples"
         self.remark(f"left out: {count} of {what}: {why.removesuffix('.')}")
 
     def arrays_of(self, sample: Sample, usual: Iterable[str] = DEFAULT_ARRAYS) -> list[str]:
-        """Names of the arrays of a sample that the options ask for; by default those of ``usual`` that it has.
+        """Return the names of the requested arrays of a sample, by default the arrays in ``usual`` that it has.
         Raises InputError for none."""
         if self.options["arrays"]:
             return [*dict.fromkeys(self.options["arrays"])]
-        found = [name for name in usual if sample.has(IMAGES[name])]
-        if not found:
+        names = [name for name in usual if sample.has(IMAGES[name])]
+        if not names:
             raise InputError(
-                f"the samples have none of {', '.join(usual)}; name one in the outputs of the dataset, and make it "
-                "again, or say which arrays to write, e.g. `--array depth`."
+                f"the samples have no {', '.join(usual)}; add one to the outputs of the dataset and make it again, or "
+                "name the arrays to write, e.g. `--array depth`."
             )
-        return found
+        return names
 
     def picture(self, sample: Sample, stem: str) -> str:
-        """Write the picture of a sample that the options ask for. Returns its name without folders. Raises InputError
-        where the dataset has none.  stem : of its name in the export, with folders."""
+        """Write the requested picture of a sample, and return its name without folders. Raises InputError if it is
+        missing.  stem : of its name in the export, with folders."""
         kind, ending = self.options["images"], "png"
-        if not sample.has(PICTURE if kind == "preview" else IMAGES["raw"]):
+        names = {"preview": PICTURE, "raw": IMAGES["raw"]}
+        if not sample.has(names[kind]):
             other = "raw" if kind == "preview" else "preview"
             remedy = f"add {kind} to the outputs of the dataset, and make it again"
             if other in self.file.outputs:
                 remedy = f"take --images {other}, or {remedy}"
-            raise InputError(f"{sample.place(kind)} is not there; {remedy}.")
+            raise InputError(f"{sample.place(kind)} is missing; {remedy}.")
         if kind == "preview":
             content = sample.content(PICTURE)
         else:
@@ -126,7 +127,7 @@ class Job:
         return f"{stem.rpartition('/')[2]}.{ending}"
 
     def place(self, name: str) -> Path:
-        """Where a file of the export goes. Raises InputError for a name that leads elsewhere."""
+        """Return the path of a file in the export. Raises InputError for a name that leads elsewhere."""
         return inside(self.folder, name)
 
     def bytes(self, name: str, content: bytes) -> None:
@@ -134,11 +135,11 @@ class Job:
         write_drawing(self.place(name), content)
 
     def text(self, name: str, *texts: str) -> None:
-        """Write a file of text."""
+        """Write a text file."""
         write_page(self.place(name), "".join(texts))
 
     def json(self, name: str, content: Facts) -> None:
-        """Write a file of JSON."""
+        """Write a JSON file."""
         write_json(self.place(name), content)
 
 
@@ -151,10 +152,10 @@ def export(
     progress: Callable[[int, int], object] = lambda done, total: None,
     **options: Unpack[ExportOptions],
 ) -> Exported:
-    """Write a dataset to ``out``, all of it or nothing, with README.md.
+    """Write a dataset to ``out`` with README.md, the whole export or nothing.
 
     folder : that `dataset run` made.  format : a name of FORMATS.  progress : called with (samples done, in all).
-    Raises InputError; DiskFull where the disk takes no more.
+    Raises InputError; DiskFull if the disk is full.
     """
     chosen = _options_of(format, options)
     dataset = Dataset(folder, chosen["split"])
@@ -163,12 +164,12 @@ def export(
             f"{dataset.folder} has no samples; make them with `mitsuba-sensor dataset run`."
         )
     if Path(out).absolute().is_relative_to(dataset.folder.absolute()):
-        raise InputError(f"{out} is in the dataset itself; give a folder elsewhere.")
+        raise InputError(f"{out} is in the dataset itself; give another folder.")
     missing = _missing(dataset)
     if missing and not chosen["incomplete"]:
         raise InputError(
             f"{dataset.folder} is not complete: {missing}; `mitsuba-sensor dataset run FILE.toml -o {dataset.folder}` "
-            f"makes them, `dataset status {dataset.folder}` says which could not be made, and --incomplete exports the "
+            f"makes them, `dataset status {dataset.folder}` lists what could not be made, and --incomplete exports the "
             "other samples."
         )
     for shard in dataset.store.finished().values():
@@ -188,7 +189,7 @@ def export(
 
 
 def _options_of(name: str, given: ExportOptions) -> Facts:
-    """All options, with the defaults of this format. Raises InputError for one that it does not take."""
+    """Return all options with the defaults of this format. Raises InputError for an option of other formats."""
     formats = {row.name: row for row in FORMATS}
     if name not in formats:
         raise InputError(
@@ -198,21 +199,19 @@ def _options_of(name: str, given: ExportOptions) -> Facts:
     chosen: Facts = {**complete(ExportOptions, given)}
     for option in ("arrays", "shard_mb", "images"):
         if chosen[option] is not None and option not in row.takes:
-            takers = ", ".join(one.name for one in FORMATS if option in one.takes)
+            takers = ", ".join(x.name for x in FORMATS if option in x.takes)
             raise InputError(
-                f"{option} is an option of {takers}, and the format is {name}; omit it."
+                f"{option} is an option of {takers}, but the format is {name}; omit it."
             )
     if row.needs and find_spec(row.needs) is None:
         raise InputError(
-            f"{row.needs}, which {name} needs, is not installed; pip install 'mitsuba-sensor[{name}]'."
+            f"{name} needs {row.needs}, which is missing; pip install 'mitsuba-sensor[{name}]'."
         )
     defaults = {"shard_mb": row.shard_mb, "images": row.images}
     return chosen | {x: value for x, value in defaults.items() if chosen[x] is None}
 
 
 def _missing(dataset: Dataset) -> str:
-    """How many samples of a dataset are missing, for a sentence; empty where it is complete."""
+    """Return how many samples of a dataset are missing, as text; empty for a complete dataset."""
     planned, there = dataset.store.require_record().samples, len(Dataset(dataset.folder))
-    if there >= planned:
-        return ""
-    return f"{planned - there} of {planned} samples are missing"
+    return f"{planned - there} of {planned} samples are missing" if there < planned else ""

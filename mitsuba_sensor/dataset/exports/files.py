@@ -1,4 +1,4 @@
-"""The files of each sample in SCENE/NUMBER-KEY, those of its light in SCENE/light-TASK: `dataset unpack`."""
+"""The files of each sample in SCENE/NUMBER-KEY, and the files of its light in SCENE/light-TASK: `dataset unpack`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ for path in Path("DIR").glob("*/*/sample.json"):  # the folder of this file
 
 
 def write(job: Job) -> str:
-    """Write the files as they are. Returns how to read."""
+    """Write the unchanged files. Returns code that reads them."""
     for number, sample in enumerate(job.samples):
         scene = sample.facts["view"]["scene"]
         for name, content in sample.files.items():

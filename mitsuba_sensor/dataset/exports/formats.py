@@ -9,11 +9,10 @@ PANEL = "Export"
 
 
 class Format(NamedTuple):
-    """One format; ``write(job)`` of the module of that name writes it and returns how to read it.
+    """One format; ``write(job)`` of the module with its name writes it and returns code that reads it.
 
-    contents : what is written.  needs : library that it needs beside those of the package.
-    takes : its options, of those that not every format takes.  images : which pictures it has by default.
-    shard_mb : largest size of a file by default [MB].
+    contents : what is written.  needs : library that the package does not install.  takes : its options among those
+    that not every format takes.  images : default pictures.  shard_mb : default size limit of a file [MB].
     """
 
     name: str
@@ -33,7 +32,9 @@ FORMATS = (
     Format("nerfstudio", "pictures, poses and depth", "", IMAGES, "preview"),
     Format("colmap", "pictures and poses as a text model", "", IMAGES, "preview"),
     Format("kitti", "sequences with times, poses and calibrations", "", IMAGES, "raw"),
-    Format("euroc", "the same as mav0 folders, and Kalibr's camchain", "", IMAGES, "raw"),
+    Format(
+        "euroc", "the same contents as mav0 folders, and Kalibr's camchain", "", IMAGES, "raw"
+    ),
     Format("opencv", "calibrations and poses as FileStorage"),
     Format("ros", "calibrations as camera_info"),
     Format("files", "the files of each sample in a folder"),
@@ -61,7 +62,7 @@ class ExportOptions(TypedDict, total=False):
     shard_mb: Annotated[
         int | None,
         Option(
-            "Largest size of a file of parquet and webdataset, in MB. Default: 256.",
+            "Size limit of a file in parquet and webdataset [MB]. Default: 256.",
             low=1,
             high=10**6,
             example="500",
@@ -71,15 +72,15 @@ class ExportOptions(TypedDict, total=False):
     images: Annotated[
         Literal["preview", "raw"] | None,
         Option(
-            "Pictures of coco, nerfstudio, colmap, kitti and euroc: the preview, or the digital numbers of the first "
-            "raw frame. Default: raw for kitti and euroc.",
+            "Pictures in coco, nerfstudio, colmap, kitti and euroc: the preview, or the digital numbers of the first "
+            "raw frame. Default: raw in kitti and euroc, else preview.",
             panel=PANEL,
         ),
     ]
     incomplete: Annotated[
         bool,
         Option(
-            "Export what is there of a dataset that is not complete; without it that is rejected.",
+            "Export an incomplete dataset, which is otherwise rejected.",
             False,
             panel=PANEL,
         ),
@@ -87,11 +88,11 @@ class ExportOptions(TypedDict, total=False):
     licence: Annotated[
         str | None,
         Option(
-            "Licence for the card. Default: that of the dataset file.",
+            "Licence for the card. Default: the licence in the dataset file.",
             metavar="TEXT",
             panel=PANEL,
         ),
     ]
     force: Annotated[
-        bool, Option("Replace an export that is there.", False, flag="--force", panel=PANEL)
+        bool, Option("Replace an existing export.", False, flag="--force", panel=PANEL)
     ]

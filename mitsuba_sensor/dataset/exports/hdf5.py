@@ -27,11 +27,11 @@ UNITS = {
     "position_m": "m",
     "flow_px": "px",
 }
-"""Array → its unit; others are numbers without one."""
+"""Array → its unit; other arrays have no unit."""
 
 
 def write(job: Job) -> str:
-    """Write a file for each split, with samples/KEY and lights/TASK. Returns how to read."""
+    """Write a file for each split, with samples/KEY and lights/TASK. Returns code that reads them."""
     for split, samples in job.splits().items():
         place = job.place(f"{split or 'all'}.h5")
         with new_hdf5(place) as file:
@@ -44,7 +44,7 @@ def write(job: Job) -> str:
 
 
 def _add(job: Job, file: Any, sample: Sample) -> None:
-    """A sample; its light is a group that the samples of a task share, which has another name in each."""
+    """Add a sample. The samples of a task share the group of their light, by a link."""
     group, image = (
         file.create_group(f"samples/{sample.key}", track_order=True),
         sample.facts["image"],
@@ -65,7 +65,7 @@ def _add(job: Job, file: Any, sample: Sample) -> None:
 
 
 def _add_light(group: Any, sample: Sample) -> None:
-    """The spectral irradiance of a light, and its wavelengths."""
+    """Add the spectral irradiance of a light, and its wavelengths."""
     with sample.opened("irradiance.exr") as path:
         light = read_irradiance_exr(path)
     unit = "W m-2" if light.filters else "W m-2 nm-1"
@@ -81,7 +81,7 @@ def _add_light(group: Any, sample: Sample) -> None:
 
 
 def _flat(values: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
-    """Attributes; those of a table have its name and a dot before theirs, and None has no attribute."""
+    """Yield attributes; attributes of a table have dotted names, and None has no attribute."""
     for name, value in values.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{name}.")

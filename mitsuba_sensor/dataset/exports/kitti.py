@@ -1,8 +1,8 @@
 """KITTI's odometry benchmark: sequences/00/image_0/000000.png, times.txt, calib.txt, and poses/00.txt.
 
-The middle of the upper left pixel is (0, 0). Poses are those of the first camera, seen from its first frame.
-calib.txt has P0, P1, …, from points before the first camera [m] to pixels of a camera without distortion;
-calib_cam_to_cam.txt is that of KITTI's raw data, with the distortion of the pictures as they are.
+The centre of the upper left pixel is (0, 0). Poses are poses of the first camera, seen from its first frame. calib.txt
+has P0, P1, …, which map points in front of the first camera [m] to pixels of a camera without distortion.
+calib_cam_to_cam.txt is as in KITTI's raw data, with the distortion of the pictures.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from .poses import ImageSequence, sequences
 
 HOW = """import pykitti
 
-sequence = pykitti.odometry("DIR", "00")  # the folder of this file; sequences.json says what it is of
+sequence = pykitti.odometry("DIR", "00")  # the folder of this file; sequences.json describes it
 print(sequence.calib.P_rect_00, sequence.timestamps[0], sequence.poses[0], sequence.cam0_files[0])
 """
 CAMERAS = 4
-"""Cameras that readers ask for; missing ones get the numbers of the first one."""
+"""Cameras that readers expect; missing cameras get the parameters of the first one."""
 
 
 def write(job: Job) -> str:
-    """Write all sequences, and sequences.json, which says what each one is. Returns how to read."""
+    """Write all sequences, and sequences.json, which describes them. Returns code that reads them."""
     about = {}
     for number, sequence in enumerate(sequences(job)):
         name = f"{number:02d}"
@@ -33,8 +33,8 @@ def write(job: Job) -> str:
                 picture = job.picture(sample, f"sequences/{name}/image_{camera}/{place:06d}")
                 if not picture.endswith(".png"):
                     raise InputError(
-                        f"raw frames of {sample.values.get('camera')} have more than 16 bits, and readers of KITTI "
-                        "look for PNGs; take --images preview, or euroc, which has TIFFs of them."
+                        f"raw frames of {sample.values.get('camera')} have more than 16 bits, but readers of KITTI "
+                        "need PNGs; take --images preview, or euroc, which writes TIFFs."
                     )
         start = np.linalg.inv(sequence.poses[0])
         job.text(f"sequences/{name}/times.txt", *(_row("", [x]) for x in sequence.times_s))
@@ -49,8 +49,8 @@ def write(job: Job) -> str:
 
 
 def calibrations(sequence: ImageSequence) -> tuple[str, str]:
-    """The texts of calib.txt, in which Tr is a laser scanner at the place of the first camera, and of
-    calib_cam_to_cam.txt: size, matrix, distortion k1 k2 p1 p2 k3, and pose of each camera, first one to it."""
+    """Return the texts of calib.txt, in which Tr is a laser scanner at the first camera, and of calib_cam_to_cam.txt:
+    size, matrix, distortion k1 k2 p1 p2 k3 of each camera, and the pose from the first camera to it."""
     projections, cameras = list[str](), list[str]()
     for number, (name, frames) in enumerate(sequence.cameras.items()):
         calibration = frames[0].calibration
@@ -70,5 +70,5 @@ def calibrations(sequence: ImageSequence) -> tuple[str, str]:
 
 
 def _row(name: str, values: ArrayLike) -> str:
-    """Numbers with all their digits, row by row."""
+    """Return numbers with all their digits, row by row."""
     return f"{name}{' '.join(repr(float(value)) for value in np.ravel(values))}\n"

@@ -1,8 +1,8 @@
 """The transforms.json of nerfstudio: intrinsics, and poses camera to world in OpenGL's axes (right, up, back).
 
-The middle of the upper left pixel is (0.5, 0.5) there (get_image_coords has an offset of 0.5, and before OpenCV
-undistorts an image 0.5 is subtracted), hence cx and cy are larger by 0.5 than OpenCV's. nerfstudio turns, centres and
-scales the poses unless its parser is told not to, as HOW does.
+The centre of the upper left pixel is (0.5, 0.5) in nerfstudio (get_image_coords adds 0.5, and 0.5 is subtracted before
+OpenCV undistorts an image), hence cx and cy are larger by 0.5 than OpenCV's. nerfstudio rotates, centres and scales the
+poses unless its parser is told not to, as in HOW.
 """
 
 from __future__ import annotations
@@ -26,10 +26,9 @@ ns-train splatfacto --data {world} nerfstudio-data --orientation-method none --c
 
 
 def write(job: Job) -> str:
-    """Write SCENE/transforms.json, SCENE/images/KEY.png, and depths in millimetres where there are any. Returns how to
-    read.
+    """Write SCENE/transforms.json, SCENE/images/KEY.png, and depths [mm] if any. Returns code that reads them.
 
-    No train_filenames: a scene belongs to one split, and nerfstudio wants all of its own three or none.
+    There are no train_filenames: a scene belongs to one split, but nerfstudio needs all of its three splits or none.
     """
     for world, samples in worlds(job).items():
         frames = list[dict[str, Any]]()
@@ -43,7 +42,7 @@ def write(job: Job) -> str:
 
 
 def _depth(job: Job, world: str, sample: Sample) -> dict[str, str]:
-    """Write the depth of a view [mm] once, 0 where nothing is or it is too far; return its place, if there is one."""
+    """Write the depth of a view [mm] once, 0 for no surface or too far; return its place, if there is any."""
     if not sample.has("aovs.exr"):
         return {}
     name = f"depth/{sample.task}.png"
@@ -56,7 +55,7 @@ def _depth(job: Job, world: str, sample: Sample) -> dict[str, str]:
 
 
 def intrinsics(calibration: Calibration) -> dict[str, float]:
-    """Of one frame; nerfstudio reads those of each frame where the file itself has none."""
+    """Return the intrinsics of one frame; nerfstudio reads them from each frame if the file itself has none."""
     (fx, fy), (cx, cy) = calibration.focal, calibration.principal
     names = ("w", "h", "fl_x", "fl_y", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
     size = calibration.columns, calibration.rows

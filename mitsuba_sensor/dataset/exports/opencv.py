@@ -1,7 +1,6 @@
 """OpenCV FileStorage: camera_matrix, distortion_coefficients, and the pose of each picture.
 
-The names are those of OpenCV's calibration sample. The middle of the upper left pixel is (0, 0), as in our
-intrinsics.
+Names are as in OpenCV's calibration sample. The centre of the upper left pixel is (0, 0), as in our intrinsics.
 """
 
 from __future__ import annotations
@@ -24,17 +23,18 @@ keys = [storage.getNode("images").at(number).string() for number in range(len(po
 
 
 def write(job: Job) -> str:
-    """Write SCENE/camera_1.yml, …: a calibration, and the poses of all samples that have it. Returns how to read."""
+    """Write SCENE/camera_1.yml, …: a calibration, and the poses of its samples. Returns code that reads them."""
     for world, samples in worlds(job).items():
-        for number, one in enumerate(dict.fromkeys(x.calibration for x in samples), 1):
-            posed = [x for x in samples if x.calibration == one]
-            job.text(f"{world}/camera_{number}.yml", calibration_text(one, posed))
+        calibrations = dict.fromkeys(x.calibration for x in samples)
+        for number, calibration in enumerate(calibrations, 1):
+            posed = [x for x in samples if x.calibration == calibration]
+            job.text(f"{world}/camera_{number}.yml", calibration_text(calibration, posed))
         job.done(len(samples))
     return HOW.format(world=world)
 
 
 def calibration_text(calibration: Calibration, posed: Sequence[Posed] = ()) -> str:
-    """The text of a .yml that ``cv2.FileStorage`` reads.
+    """Return the text of a .yml for ``cv2.FileStorage``.
 
     extrinsic_parameters : (N, 6), rotation vector [rad] and translation [m] of each picture, world to camera.
     """
@@ -47,7 +47,7 @@ def calibration_text(calibration: Calibration, posed: Sequence[Posed] = ()) -> s
     if posed:
         import scipy
 
-        to_camera = np.linalg.inv([one.pose for one in posed])
+        to_camera = np.linalg.inv([x.pose for x in posed])
         turns = scipy.spatial.transform.Rotation.from_matrix(to_camera[:, :3, :3])
         extrinsic = np.hstack([turns.as_rotvec(), to_camera[:, :3, 3]])
         entries |= {"extrinsic_parameters": extrinsic, "images": [x.sample.key for x in posed]}

@@ -1,7 +1,7 @@
 """A data set of Hugging Face: data/SPLIT-00000-of-00001.parquet, a row for each sample.
 
-Images are columns of the ``Image`` of its library `datasets`: the bytes of the files of the sample as they are, TIFFs
-of raw frames among them, so that every digital number is there.
+Images are columns of type ``Image`` of the library `datasets`: the unchanged bytes of the files of a sample, including
+TIFFs of raw frames, so every digital number is there.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ for row in rows:
     print(row["key"], np.array(row["{array}"]).shape)  # of several frames row["raw"].seek(1) has the second
 """
 UNSPLIT = "train"
-"""What Hugging Face calls the only split of a data set."""
+"""Hugging Face's name for the only split of a data set."""
 ROW_BYTES_MAX = 2**31 - 1
 """Arrow counts the bytes of a value with 32 bits."""
 EXPOSURE = ("exposure_s", "black_level_dn", "white_level_dn")
-"""Columns of the entry image of sample.json: as it was exposed, also where the time was metered."""
+"""Columns of the entry image of sample.json: the actual exposure, metered or given."""
 
 
 def write(job: Job) -> str:
-    """Write the rows of every split, in the order of the dataset. Returns how to read."""
+    """Write the rows of every split, in the order of the dataset. Returns code that reads them."""
     splits, arrays = names_of_splits(job.samples.splits), job.arrays_of(job.samples[0])
     skipped = (*PLACES, *EXPOSED, *EXPOSURE, "exposure_s (text)")
     kinds: dict[str, Kind] = {"key": "text", "split": "text", "gain": "text"}
@@ -79,20 +79,19 @@ def _rows(
             size += len(content)
         if size > ROW_BYTES_MAX:
             raise InputError(
-                f"sample {sample.key} has {size} bytes of images, and a row of Parquet {ROW_BYTES_MAX} at most; name "
-                "fewer with --array, or export to webdataset or hdf5."
+                f"sample {sample.key} has {size} bytes of images, but a row of Parquet takes at most {ROW_BYTES_MAX}; "
+                "name fewer with --array, or export to webdataset or hdf5."
             )
         yield {name: x for name, x in row.items() if name in kinds}, size
         job.done()
 
 
 def names_of_splits(splits: list[str]) -> dict[str, str]:
-    """Split → what it is called there, without what Hugging Face has in no name. Raises InputError where two are
-    called the same."""
+    """Return split → its name without characters that Hugging Face forbids. Raises InputError for two equal names."""
     names = {split: re.sub(r"[^\w.]|\.(?!\w)", "_", split) or UNSPLIT for split in splits}
     if len({*names.values()}) < len(names):
         raise InputError(
-            f"the splits {', '.join(splits)} are the same for Hugging Face, whose names have letters, digits, _ and "
-            "dots only; export each alone, with --split."
+            f"the splits {', '.join(splits)} are the same for Hugging Face, whose names have only letters, digits, _ "
+            "and dots; export each separately, with --split."
         )
     return names

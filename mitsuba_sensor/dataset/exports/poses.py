@@ -1,7 +1,7 @@
-"""Where pictures were taken: calibrations and poses, samples of one world, and sequences of cameras over time.
+"""Calibrations and poses of pictures, samples of one world, and sequences of cameras over time.
 
-A pose is 4 × 4, from a camera (x right, y down, z forward) to the world [m]; pixel (0, 0) is the middle of the upper
-left.
+A pose has shape (4, 4) and maps from a camera (x right, y down, z forward) to the world [m]; the centre of the upper
+left pixel is (0, 0).
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
     from .export import Job
 
 WORLD_SETTINGS = ("scene", "parameters", "traverse", "motion", "scene_unit")
-"""Settings of a render that decide what its world space is."""
+"""Settings of a render that decide its world."""
 FRAME_SETTINGS = ("view", "time_s", "pose", "camera", "sensor")
-"""Values that differ within a sequence."""
+"""Values that may differ within a sequence."""
 SCALE_TOLERANCE = 1e-4
-"""Accepts a matrix that is printed with five digits."""
+"""Tolerance for a matrix that was printed with five digits."""
 FRAME_PERIOD_S = 0.1
-"""Between frames of a scene whose views have no times: that of KITTI's cameras."""
+"""Time between frames of a scene whose views have no times, as in KITTI."""
 RIG_TOLERANCE = 1e-5
-"""How much a camera of a rigid rig may move relative to the first one [m, rad]."""
+"""Largest movement of a camera of a rigid rig relative to the first camera [m, rad]."""
 POSE_DECIMALS = 12
-"""Cameras at one place are not 1e-17 m apart."""
+"""Rounding, so cameras at one place are not 1e-17 m apart."""
 
 
 class Posed(NamedTuple):
@@ -44,14 +44,14 @@ class Posed(NamedTuple):
 
 
 Rig: TypeAlias = Mapping[str, Sequence[Posed]]
-"""Camera → its frames, of which those of the same place in the list were taken at once."""
+"""Camera → its frames; frames at the same place in the lists are simultaneous."""
 
 
 @dataclass(frozen=True)
 class ImageSequence:
-    """Frames of one or several cameras at the same times.
+    """Simultaneous frames of one or several cameras.
 
-    scene : name of the world that the poses are in.  values : settings that all frames have in common.
+    scene : name of the world of the poses.  values : settings that all frames share.
     """
 
     scene: str
@@ -61,24 +61,25 @@ class ImageSequence:
 
     @property
     def poses(self) -> list[Float64Array]:
-        """Of each frame of the first camera."""
+        """Pose of each frame of the first camera."""
         return [frame.pose for frame in next(iter(self.cameras.values()))]
 
     def pose_in_first(self, camera: str) -> Float64Array:
-        """4 × 4, from a camera to the first camera."""
+        """Return the pose of a camera in the first camera, shape (4, 4)."""
         relative = np.linalg.inv(self.poses[0]) @ self.cameras[camera][0].pose
         return np.asarray(np.round(relative, POSE_DECIMALS) + 0.0)  # no −0
 
     def facts(self) -> Facts:
-        """What no file of other programs holds: settings, and key, split and time of each frame of each camera."""
-        cameras = []
-        for name, frames in self.cameras.items():
-            about = [
-                {"key": one.key, "split": one.split}
-                | {n: x for n, x in one.values.items() if n == "time_s"}
-                for one in (frame.sample for frame in frames)
-            ]
-            cameras.append({"camera": name, "frames": about})
+        """Return what other programs do not store: settings, and key, split and time of each frame of each camera."""
+
+        def about(sample: Sample) -> Facts:
+            times = {x: y for x, y in sample.values.items() if x == "time_s"}
+            return {"key": sample.key, "split": sample.split, **times}
+
+        cameras = [
+            {"camera": name, "frames": [about(frame.sample) for frame in frames]}
+            for name, frames in self.cameras.items()
+        ]
         return {
             "scene": self.scene,
             "values": self.values,
@@ -88,8 +89,8 @@ class ImageSequence:
 
 
 def rigid_pose(to_world: ArrayLike) -> Float64Array:
-    """The pose of a scene's camera, whose axes are left, up and forward, without its scale. Raises InputError for shear
-    and mirroring, which no other program has in a pose."""
+    """Return the pose of a scene's camera (axes left, up, forward) without its scale. Raises InputError for shear and
+    mirroring, which poses of other programs cannot have."""
     pose = np.array(to_world, dtype=np.float64)
     if pose.shape != (4, 4) or not np.isfinite(pose).all():
         raise InputError(
@@ -100,14 +101,14 @@ def rigid_pose(to_world: ArrayLike) -> Float64Array:
     is_orthogonal = np.allclose(turn.T @ turn, np.eye(3), atol=SCALE_TOLERANCE)
     if not is_orthogonal or np.linalg.det(turn) < 0:
         raise InputError(
-            "the to_world of the scene's sensor shears or mirrors the image, which no pose of other programs can say; "
-            'leave out a <scale x="-1"/>.'
+            "the to_world of the scene's sensor shears or mirrors the image, which poses of other programs cannot "
+            'have; remove <scale x="-1"/>.'
         )
     return pose @ np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
 def quaternion(rotation: Float64Array) -> list[float]:
-    """w, x, y, z of a rotation matrix."""
+    """Return w, x, y, z of a rotation matrix."""
     import scipy
 
     turn = scipy.spatial.transform.Rotation.from_matrix(rotation)
@@ -116,8 +117,8 @@ def quaternion(rotation: Float64Array) -> list[float]:
 
 
 def worlds(job: Job) -> dict[str, list[Posed]]:
-    """Posed samples by their world: SCENE, or SCENE/001, … of a scene with variants. Samples without a pose or
-    calibration that other programs can read are left out. Raises InputError where none remains."""
+    """Return posed samples by their world: SCENE, or SCENE/001, … for a scene with variants. Leaves out samples without
+    a pose or calibration that other programs can read. Raises InputError if no sample remains."""
     groups: dict[tuple[str, str], list[Posed]] = {}
     unposed: dict[tuple[str, str], list[Sample]] = {}
     for sample in job.samples:
@@ -127,7 +128,7 @@ def worlds(job: Job) -> dict[str, list[Posed]]:
             pitch_um = facts["config"]["camera"]["pixel"]["pitch_x_um"]
             calibration = calibration_of(light["intrinsics"], pitch_um)
             posed = Posed(sample, calibration, rigid_pose(light["camera_to_world"]))
-        except ValueError as error:  # InputError, or what SciPy says of a table
+        except ValueError as error:  # InputError, or an error of SciPy about a table
             unposed.setdefault((scene, str(error)), []).append(sample)
             continue
         variant = canonical({name: config.get(name) for name in WORLD_SETTINGS})
@@ -145,23 +146,25 @@ def worlds(job: Job) -> dict[str, list[Posed]]:
 
 
 def sequences(job: Job) -> list[ImageSequence]:
-    """All sequences of a dataset. Cameras that have other views, or do not keep their places beside each other, have
-    sequences of their own. Samples that no calibration can describe are left out; remarks say which. Raises InputError
-    where none remains."""
-    found = list[ImageSequence]()
+    """Return all sequences of a dataset. Cameras with other views, and cameras that move relative to each other, have
+    separate sequences. Leaves out samples without a calibration, with a remark. Raises InputError if no sample
+    remains."""
+    all_sequences = list[ImageSequence]()
     for world, posed in worlds(job).items():
         for cameras in _same_settings(posed):
             first, *others = (sorted(frames) for frames in cameras.values())
             rigs = [cameras]
             if any(views != first for views in others) or not _is_rigid(cameras):
                 rigs = [{name: frames} for name, frames in cameras.items()]
-            found += [_sequence(job, world, rig) for rig in rigs]
-    return found
+            all_sequences += [_sequence(job, world, rig) for rig in rigs]
+    return all_sequences
 
 
 def _same_settings(samples: Sequence[Posed]) -> list[dict[str, dict[int, Posed]]]:
-    """Samples with equal settings but for pose and camera, by camera and view. Those that have even these in common,
-    random draws for example, are in groups of their own."""
+    """Return samples with equal settings except pose and camera, by camera and view.
+
+    Samples that also share these, e.g. random draws, are in separate groups.
+    """
     groups: dict[tuple[str, int], dict[str, dict[int, Posed]]] = {}
     for posed in samples:
         values = posed.sample.values
@@ -177,7 +180,7 @@ def _same_settings(samples: Sequence[Posed]) -> list[dict[str, dict[int, Posed]]
 def _sequence(
     job: Job, world: str, cameras: Mapping[str, Mapping[int, Posed]]
 ) -> ImageSequence:
-    """The sequence of cameras that have the same views, in the order of time."""
+    """Return the sequence of cameras with the same views, in the order of time."""
     first = next(iter(cameras.values()))
     views, values = sorted(first), next(iter(first.values())).sample.values
     times = [first[view].sample.values.get("time_s") for view in views]
@@ -185,8 +188,7 @@ def _sequence(
         times_s = FRAME_PERIOD_S * np.array(views, float)
         if len(views) > 1:
             job.remark(
-                f"views of scene {values.get('scene')} have no times of their own: its frames are {FRAME_PERIOD_S:g} s "
-                "apart"
+                f"views of scene {values.get('scene')} have no times: its frames are {FRAME_PERIOD_S:g} s apart"
             )
     else:
         order = np.argsort(np.array(times, float))
@@ -198,7 +200,7 @@ def _sequence(
 
 
 def _is_rigid(cameras: Mapping[str, Mapping[int, Posed]]) -> bool:
-    """Return True if cameras that have the same views keep their places relative to the first one."""
+    """Return True if cameras with the same views keep their poses relative to the first camera."""
     poses = np.array([[x[view].pose for view in sorted(x)] for x in cameras.values()])
     relative = np.linalg.inv(poses[0]) @ poses
     return bool(np.abs(relative - relative[:, :1]).max() <= RIG_TOLERANCE)

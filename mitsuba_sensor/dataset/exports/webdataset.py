@@ -1,6 +1,6 @@
-"""WebDataset shards by split: SPLIT-000000.tar with KEY.json, KEY.png and an array KEY.NAME.npy for each asked for.
+"""WebDataset shards by split: SPLIT-000000.tar with KEY.json, KEY.png and KEY.NAME.npy for each requested array.
 
-The shards of a dataset are in WebDataset's layout themselves; these have arrays that need no reader of TIFFs.
+The shards of a dataset also have WebDataset's layout; the arrays of these shards need no reader of TIFFs.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ TAR_END = bytes(1024)
 
 
 def write(job: Job) -> str:
-    """Write the shards of every split, samples sorted by key: a random order, the same always. Returns how to read."""
+    """Write the shards of every split, sorted by key: a random but fixed order. Returns code that reads them."""
     for split, samples in job.splits().items():
         name, number, content = split or "shard", 0, list[bytes]()
         for line in sorted(samples.table, key=lambda line: line.key):
@@ -46,7 +46,7 @@ def write(job: Job) -> str:
 
 
 def npy(array: np.ndarray) -> bytes:
-    """An array as the bytes of a .npy file."""
+    """Return the bytes of a .npy file."""
     content = io.BytesIO()
     np.save(content, array, allow_pickle=False)
     return content.getvalue()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...core import InputError, finite_numbers, refuse_masked, require
 from ...core.checks import require_finite
 from ...core.errors import require_count
-from ...core.exposure import LONGEST_S
+from ...core.exposure import TIME_MAX_S
 from ...core.types import Float64Array
 from .clipping import Clipping
 
@@ -142,7 +142,7 @@ class Stack:
             )
         if frames.dtype.kind == "f":
             require_finite(f"{source}: frames", frames, "digital numbers")
-        require(f"{source}: exposure_s", self.exposure_s, 0.0, LONGEST_S, "seconds, e.g. 0.01")
+        require(f"{source}: exposure_s", self.exposure_s, 0.0, TIME_MAX_S, "seconds, e.g. 0.01")
         if self.photons is not None:
             wanted = "photons per pixel of 0 or more, a number or (rows, columns)"
             photons = finite_numbers(f"{source}: photons", self.photons, wanted)

@@ -1,1 +1,1 @@
-"""Cameras from files of other programs: noise models, calibration tables, reports and presets → a datasheet of ours."""
+"""Importers: noise models, calibrations, reports and presets of other programs → a camera."""

@@ -1,4 +1,4 @@
-"""Presets of getframes (TOML): one flat table of a camera's numbers, the gain in e-/ADU, the temperature in °C."""
+"""Presets of getframes (TOML): one flat table of camera parameters, with the gain in e-/ADU and °C."""
 
 from __future__ import annotations
 
@@ -24,35 +24,35 @@ FIELDS = {
     "dark_current_nonuniformity": "dark_current.cv",
     "prnu": "pixel.prnu",
 }
-"""Key of a preset → field of a camera, in the same unit."""
-LEFT_OUT = (
+"""Key of a preset → field of a camera with the same unit."""
+IGNORED = (
     "nonlinearity", "read_noise_rts_fraction", "read_noise_rts_factor", "hot_pixel_fraction", "hot_pixel_factor",
     "detector_glow_e_per_s",
 )  # fmt: skip
-GAINED = ("EMCCD", "EAPD")
-MOST_PIXELS = 1e6  # of a side
+MULTIPLYING = ("EMCCD", "EAPD")
+SIDE_MAX = 1e6  # pixels
 
 
 def preset_text(name: str) -> str:
-    """The text of an installed preset. Raises InputError."""
+    """Return the text of an installed preset. Raises InputError."""
     try:
         folder = resources.files("getframes.presets.data")
     except ModuleNotFoundError:
         raise InputError(
-            f"{PREFIX}{name} needs getframes, which is not installed; give the path of the preset's .toml, or: "
-            "pip install getframes"
+            f"{PREFIX}{name} needs getframes, which is not installed; run pip install getframes, or give the path of "
+            "the preset's .toml."
         ) from None
     files = [file for file in folder.iterdir() if file.name.endswith(".toml")]
     presets = {file.name.removesuffix(".toml"): file for file in files}
     if name not in presets:
         raise InputError(
-            f"{name!r} is no preset of getframes ({', '.join(sorted(presets))}).{nearest(name, presets)}"
+            f"unknown preset of getframes {name!r}; give one of {', '.join(sorted(presets))}.{nearest(name, presets)}"
         )
     return presets[name].read_text("utf-8")
 
 
 def read_preset(text: str, file: str, like: Camera) -> Draft:
-    """The draft of a camera. Raises InputError for what is no preset, and for cameras that multiply electrons."""
+    """Return the draft of a camera. Raises InputError for other files, and for cameras that multiply electrons."""
     try:
         data = toml_tables(text)
     except tomllib.TOMLDecodeError as error:
@@ -61,12 +61,12 @@ def read_preset(text: str, file: str, like: Camera) -> Draft:
         ) from None
     if "sensor_type" not in data or "gain_e_per_adu" not in data:
         raise InputError(
-            f"{file} has no sensor_type and gain_e_per_adu, as presets of getframes have. Give one of those."
+            f"{file} has no sensor_type and gain_e_per_adu; give a preset of getframes."
         )
     draft = Draft(file, like)
-    if data["sensor_type"] in GAINED:
+    if data["sensor_type"] in MULTIPLYING:
         raise InputError(
-            f"{file} is an {data['sensor_type']}, which multiplies electrons; give a CCD, CMOS or SCMOS."
+            f"{file} has sensor_type {data['sensor_type']}, which multiplies electrons; give a CCD, CMOS or SCMOS."
         )
     _set_chip(draft, data)
     for key, field in FIELDS.items():
@@ -83,29 +83,25 @@ def read_preset(text: str, file: str, like: Camera) -> Draft:
     _set_qe(draft, data)
     draft.name = str(data.get("name", file))
     draft.description = f"{draft.name}, preset of getframes"
-    left_out = [key for key in LEFT_OUT if key in data]
-    if left_out:
-        draft.description += f" (left out: {', '.join(left_out)})"
+    if ignored := [key for key in IGNORED if key in data]:
+        draft.description += f" (ignored: {', '.join(ignored)})"
     return draft
 
 
 def _set_chip(draft: Draft, data: dict[str, Any]) -> None:
-    """Size and technology."""
+    """Set size and technology."""
     sides = draft.numbers("resolution", data.get("resolution"))
     if len(sides) != 2:
         raise InputError(
-            f"{draft.file}: resolution has {len(sides)} numbers; it must have 2, rows and columns."
+            f"{draft.file}: resolution has {len(sides)} numbers; it must have rows and columns."
         )
     for field, side in zip(("sensor.rows", "sensor.columns"), sides, strict=True):
-        draft.says(field, draft.count("resolution", side, MOST_PIXELS), "resolution")
+        draft.says(field, draft.count("resolution", side, SIDE_MAX), "resolution")
     pitch = draft.number("pixel_size_um", data.get("pixel_size_um"))
     draft.says("pixel.pitch_x_um", pitch, "pixel_size_um")
     draft.says("pixel.pitch_y_um", pitch, "pixel_size_um")
-    draft.assume(
-        "pixel.fill_factor",
-        1.0,
-        "the quantum efficiency of a preset is that of the whole pixel",
-    )
+    why = "the quantum efficiency of a preset includes the fill factor"
+    draft.assume("pixel.fill_factor", 1.0, why)
     if data["sensor_type"] == "CCD":
         draft.changes |= {
             "sensor.technology": "ccd",
@@ -115,7 +111,7 @@ def _set_chip(draft: Draft, data: dict[str, Any]) -> None:
 
 
 def _set_qe(draft: Draft, data: dict[str, Any]) -> None:
-    """The curve of a preset, or its one number."""
+    """Set the quantum efficiency: a curve, or one number."""
     draft.changes["quantum_efficiency.tile"] = None
     if "qe_curve" not in data:
         value = draft.number("quantum_efficiency", data.get("quantum_efficiency"), 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Which importer reads a file, and the camera that it makes."""
+"""Import a camera: choose the importer that reads a file."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ FORMATS = (
     f"(.toml, or {PREFIX}NAME), or a geometric calibration (OpenCV .yml or .xml, ROS, "
     "EuRoC and Kalibr .yaml, COLMAP's cameras.txt, nerfstudio's transforms.json)"
 )
-LARGEST_BYTES = 2**24
+BYTES_MAX = 2**24
 
 
 def import_camera(
@@ -44,44 +44,40 @@ def import_camera(
     like: Camera | str | Path = LIKE,
     name: str | None = None,
 ) -> Camera:
-    """The camera that a file of another program describes, with the source of every number in ``sources``.
+    """Return the camera that a file of another program describes, with the source of every value in ``sources``.
 
     files : a libcamera tuning file, a noise calibration of ELD or PMN, a noise profile of ELD (.npy), an EMVA 1288
         report, a preset of getframes ("getframes:NAME"), DNGs of one camera, one for each ISO, or a calibration of
-        OpenCV, ROS, EuRoC, Kalibr, COLMAP or nerfstudio, which has size and lens distortion.
-    like : camera whose numbers hold where the file says nothing; their sources begin with "assumed:".
-    name : of the camera; default: what the file says, else its own name.
-    Raises InputError for a file that is none of these, or that has a number out of its range.
+        OpenCV, ROS, EuRoC, Kalibr, COLMAP or nerfstudio, which contains size and lens distortion.
+    like : camera that gives the values missing from the file; their sources begin with "assumed:".
+    name : name of the camera. Default: the name in the file, or else the file name.
+    Raises InputError for other files, and for values out of range.
     """
     if isinstance(files, str | Path):
         files = [files]
     paths = [Path(file) for file in files]
     if not paths:
         raise InputError(f"files is empty; give {FORMATS}.")
-    if isinstance(like, Camera):
-        base = like
-    else:
-        base = load_camera(like)
-    draft = _draft(paths, base)
+    draft = _draft(paths, like if isinstance(like, Camera) else load_camera(like))
     draft.name = name or draft.name or paths[0].stem
     return draft.camera()
 
 
 def _draft(paths: list[Path], like: Camera) -> Draft:
-    """The draft of the reader that the first file's name asks for, and what is in the file."""
+    """Return the draft of the importer that suits the name of the first file, and its content."""
     first, kind = paths[0], paths[0].suffix.lower()
     if kind == ".dng" and all(path.suffix.lower() == kind for path in paths):
         return read_dngs(paths, like)
     if len(paths) > 1:
         raise InputError(
-            f"{len(paths)} files are given, and {first} is no DNG; give one file, or DNGs of one camera."
+            f"{len(paths)} files are given, but not all are DNGs; give one file, or DNGs of one camera."
         )
     if str(first).startswith(PREFIX):
         return read_preset(preset_text(str(first).removeprefix(PREFIX)), str(first), like)
     if kind == ".npy":
         return _read_npy(first, like)
     if kind not in (".json", ".csv", ".xml", ".toml", ".txt", *YAML):
-        raise InputError(f"{first} is of no format that is imported; give {FORMATS}.")
+        raise InputError(f"{first} has an unknown format; give {FORMATS}.")
     text = _read_text(first)
     if kind == ".txt":
         return read_colmap(text, first.name, like)
@@ -97,7 +93,7 @@ def _draft(paths: list[Path], like: Camera) -> Draft:
 
 
 def _read_json(text: str, file: str, like: Camera) -> Draft:
-    """The draft of the reader that knows the names in a JSON file."""
+    """Return the draft of the importer that knows the names in a JSON file."""
     try:
         data: Any = json_value(text)
     except ValueError as error:
@@ -105,7 +101,7 @@ def _read_json(text: str, file: str, like: Camera) -> Draft:
         with suppress(InputError):
             data = yaml_tables(text, file)  # as libcamera reads its own
         if not is_tuning(data):
-            raise InputError(f"{file} is no JSON: {error}. Give {FORMATS}.") from None
+            raise InputError(f"{file} is not valid JSON: {error}. Give {FORMATS}.") from None
     if is_tuning(data):
         return read_tuning(data, file, like)
     if is_table(data):
@@ -113,26 +109,24 @@ def _read_json(text: str, file: str, like: Camera) -> Draft:
     if is_transforms(data):
         return read_transforms(data, file, like)
     raise InputError(
-        f"{file} is no tuning file (algorithms), has no rows of a noise calibration and no intrinsics (fl_x); give "
-        f"{FORMATS}."
+        f"{file} has no algorithms (tuning file), no rows (noise calibration) and no intrinsics (fl_x); give {FORMATS}."
     )
 
 
 def _read_npy(path: Path, like: Camera) -> Draft:
-    """The draft of a noise profile."""
     try:
         data = read_npy_dict(path)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}. Give {FORMATS}.") from None
     if not is_profile(data):
         names = ", ".join(data)[:200] or "nothing"
-        raise InputError(f"{path} is no noise profile with Kmin and Kmax; it has {names}.")
+        raise InputError(f"{path} has {names}; a noise profile has Kmin, Kmax and Profile-1.")
     return read_profile(data, path.name, like)
 
 
 def _read_text(path: Path) -> str:
     try:
-        require_small(path, "the file", LARGEST_BYTES)
+        require_small(path, "the file", BYTES_MAX)
         return path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"

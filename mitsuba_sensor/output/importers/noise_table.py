@@ -1,8 +1,8 @@
 """Calibration tables of physics-based noise models (ELD, PMN): K, Tukey-lambda shape, σ_read and σ_row per ISO [DN].
 
 Wei et al., CVPR 2020 and TPAMI 2021 (ELD); Feng et al., ACM MM 2022 (PMN). A row of the table is one ISO; its columns
-have the names of either program. sigTL is the *scale* of SciPy's tukeylambda, sigGs the σ of the same noise of the
-pixels; that of rows, sigR, is beside it.
+have the names of either program. Pixel noise is sigTL, the *scale* of SciPy's tukeylambda, or its σ, sigGs. Row noise
+is sigR.
 """
 
 from __future__ import annotations
@@ -30,32 +30,33 @@ NAMES = {
     "black": ("bl", "black_level"),
     "white": ("wp", "white_level"),
 }
-"""Column of the table → its names in the programs, in small letters."""
-SHAPES = -0.45, 0.2
+"""Column → its names in the programs, in lower case."""
+SHAPE_MIN, SHAPE_MAX = -0.45, 0.2
+"""Tukey-lambda shapes that the sensor model has."""
 
 
 def is_table(data: object) -> bool:
-    """Whether a JSON file is a list of rows, or rows by name."""
-    rows = data
-    if isinstance(data, dict):
-        rows = list(data.values())
+    """Return True if a JSON file is a list of rows, or rows by name."""
+    rows = list(data.values()) if isinstance(data, dict) else data
     return isinstance(rows, list) and bool(rows) and all(isinstance(row, dict) for row in rows)
 
 
 def rows_by_name(text: str) -> list[dict[str, str]]:
-    """The rows of a CSV file under the names in its header."""
+    """Return the rows of a CSV file, by the names in its header."""
     header, *rows = rows_of(text) or [[]]
     return [dict(zip(header, row, strict=False)) for row in rows]
 
 
 def read_table(data: Any, file: str, like: Camera) -> Draft:
-    """The draft of a camera at the lowest ISO, with all of them as its ladder. Raises InputError."""
+    """Return the draft of a camera at the lowest ISO, with every ISO as a gain setting. Raises InputError."""
     draft = Draft(file, like)
     if not isinstance(data, dict):
         data = {str(number): values for number, values in enumerate(data, start=1)}
     rows = [_row(name, values, draft) for name, values in data.items()]
     if not rows:
-        raise InputError(f"{file} has no rows; give one for each ISO, with iso, K and sigGs.")
+        raise InputError(
+            f"{file} has no rows; give one row for each ISO, with iso, K and sigGs."
+        )
     rows.sort(key=lambda row: float(row["iso"]))
     first = rows[0]
     if "white" in first:
@@ -73,25 +74,30 @@ def read_table(data: Any, file: str, like: Camera) -> Draft:
         draft.says("adc.black_level_dn", lowest["black_level_dn"], "black level")
     draft.set_clip(lowest["gain_dn_per_e"], lowest.get("black_level_dn", 0.0))
     if "read_noise_shape" in lowest:
-        _set_shape(draft, float(first["shape"]), lowest["read_noise_shape"], iso)
-    draft.set_gains(
-        settings, "K, noise of the pixels and of the rows, lam and black level of every ISO"
-    )
+        given, used = float(first["shape"]), lowest["read_noise_shape"]
+        field = "source_follower.read_noise_shape"
+        draft.says("source_follower.read_noise_distribution", "tukey_lambda", "lam")
+        if used == given:
+            draft.says(field, used, f"lam at {iso}")
+        else:
+            draft.assume(field, used, f"the nearest to lam {given:g} at {iso}")
+    draft.set_gains(settings, "K, pixel noise, row noise, lam and black level of every ISO")
     draft.description = f"Camera of the noise calibration {file}, at {iso}"
     return draft
 
 
 def _row(name: str, values: Mapping[str, Any], draft: Draft) -> dict[str, Any]:
-    """A row under our names for its columns; the ISO may stand in the row's own name ("SonyA7S2_1600")."""
-    plain: dict[str, object] = {}
-    for key, value in values.items():
-        if key is not None and value not in (None, ""):
-            plain[key.strip().lower()] = value
-    row: dict[str, object] = {}
-    for ours, theirs in NAMES.items():
-        for their in theirs:
-            if their in plain:
-                row.setdefault(ours, plain[their])
+    """Return a row by our column names; the ISO may be part of the row's name ("SonyA7S2_1600")."""
+    given = {
+        key.strip().lower(): value
+        for key, value in values.items()
+        if key is not None and value not in (None, "")
+    }
+    row: dict[str, object] = {
+        ours: next(given[their] for their in theirs if their in given)
+        for ours, theirs in NAMES.items()
+        if given.keys() & set(theirs)
+    }
     number = re.search(r"(\d+)$", name)
     if "iso" not in row and number is not None:
         row["iso"] = float(number[1])
@@ -100,14 +106,14 @@ def _row(name: str, values: Mapping[str, Any], draft: Draft) -> dict[str, Any]:
         missing.append("sigma")
     if missing:
         wanted = " and ".join("/".join(NAMES[column]) for column in missing)
-        names = ", ".join(plain)[:200] or "nothing"
+        names = ", ".join(given)[:200] or "nothing"
         raise InputError(f"{draft.file}: row {shown(name)} has no {wanted}; it has {names}.")
     row["iso"] = draft.number("iso", row["iso"])
     return row
 
 
 def _setting(row: Mapping[str, Any], draft: Draft) -> dict[str, float]:
-    """The gain setting of a row [e-]; a shape that we do not have is the nearest."""
+    """Return the gain setting of a row; an unsupported shape becomes the nearest one."""
     iso = f"at ISO {row['iso']:g}"
     gain = draft.number(f"K {iso}", row["gain"])
     shape = None
@@ -121,19 +127,9 @@ def _setting(row: Mapping[str, Any], draft: Draft) -> dict[str, float]:
     setting = {"iso": row["iso"], "gain_dn_per_e": gain}
     setting["read_noise_e"] = math.sqrt(max(pixel_dn**2 - 1 / 12, 0.0)) / gain
     if shape is not None:
-        setting["read_noise_shape"] = min(max(shape, SHAPES[0]), SHAPES[1])
+        setting["read_noise_shape"] = min(max(shape, SHAPE_MIN), SHAPE_MAX)
     if "row" in row:
         setting["row_noise_e"] = draft.number(f"sigR {iso}", row["row"], -1e-12) / gain
     if "black" in row:
         setting["black_level_dn"] = draft.number(f"bl {iso}", row["black"], -1e-12)
     return setting
-
-
-def _set_shape(draft: Draft, given: float, used: float, iso: str) -> None:
-    """The Tukey-lambda shape; used : the nearest that we have."""
-    field = "source_follower.read_noise_shape"
-    draft.says("source_follower.read_noise_distribution", "tukey_lambda", "lam")
-    if used == given:
-        draft.says(field, used, f"lam at {iso}")
-    else:
-        draft.assume(field, used, f"the nearest to lam {given:g} at {iso}")

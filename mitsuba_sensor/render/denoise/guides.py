@@ -1,6 +1,6 @@
-"""Auxiliary images of the denoiser: albedo behind each colour filter and normals, averaged over pixel and pupil.
+"""Auxiliary images for the denoiser: albedo for each colour filter and normals, averaged over pixel and pupil.
 
-Rays follow mirrors and clear glass to the first surface that scatters, so that what is seen in them guides too.
+Rays continue through mirrors and clear glass to the first surface that scatters, so images in mirrors also guide.
 """
 
 from __future__ import annotations
@@ -24,26 +24,31 @@ QUARTERS = 4  # wavelengths that Mitsuba evaluates at once
 
 
 class Guides(NamedTuple):
-    """albedo : (H, W, F) diffuse, of the first surface that scatters, at what each filter detects; 1 where nothing
-    diffuse is met.  normal : (H, W, 3) shading normal of that surface in world space; 0 where no surface is met."""
+    """Properties of the first surface that scatters.
+
+    albedo : (H, W, F) diffuse albedo at the wavelengths that each filter detects; 1 without a diffuse surface.
+    normal : (H, W, 3) shading normal in world space; 0 without a surface.
+    """
 
     albedo: NDArray[np.float32]
     normal: NDArray[np.float32]
 
 
 def rays_for(samples: float) -> int:
-    """Return the rays of a pixel with so many light paths: a square number, 16 of 16 paths to 256 of 64 and more. Noise
-    of the guides stays in the light, and more of it is seen in light with less."""
+    """Return the rays per pixel, a square number: 16 for 16 samples per pixel or fewer, 256 for 64 or more.
+
+    Noise of the guides stays in the light, and shows more in light with less noise.
+    """
     return int(min(max(samples / 4, SIDE_MIN), SIDE_MAX)) ** 2
 
 
 def trace_guides(
     scene: Scene, wavelengths_nm: Float64Array, seed: int, rays: int, rows: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """Return albedo and normal of rows [first, last) of the crop at the scene's present pose, (rows, columns, F + 3).
+    """Return albedo and normal for rows [first, last) of the crop at the scene's present pose, (rows, columns, F + 3).
 
-    wavelengths_nm : (F, 4) where each filter's albedo is averaged.  rays : per pixel, a square number. Not for scalar
-    variants, where a ray takes 0.1 ms in Python.
+    wavelengths_nm : (F, 4) at which each filter's albedo is averaged.  rays : per pixel, a square number. Not for
+    scalar variants, in which a ray takes 0.1 ms of Python.
     """
     columns, parts = scene.view.crop_size[0], []
     step = max(RAYS_IN_FLIGHT // (rays * columns), 1)
@@ -58,9 +63,9 @@ def trace_guides(
 def detected_quarters(
     weights: Float64Array, spectrum: Float64Array, wavelengths_nm: Float64Array
 ) -> Float64Array:
-    """Return wavelengths in the middles of quarters of what each filter detects of light, (F, 4) [nm].
+    """Return wavelengths in the middle of each quarter of the photoelectrons of a filter, (F, 4) [nm].
 
-    weights : (F, B) photoelectrons of 1 W m⁻² nm⁻¹ in each band.  spectrum : (B,) of the light.
+    weights : (F, B) photoelectrons for 1 W m⁻² nm⁻¹ in each band.  spectrum : (B,) of the light.
     """
     detected = np.cumsum(weights * spectrum + np.finfo(float).tiny, axis=1)
     middles = (detected - 0.5 * np.diff(detected, axis=1, prepend=0.0)) / detected[:, -1:]
@@ -71,7 +76,7 @@ def detected_quarters(
 def _trace_strip(
     scene: Scene, wavelengths_nm: Float64Array, seed: int, rays: int, rows: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """Return the guides of rows that are traced in one launch."""
+    """Return the guides of rows that fit into one launch."""
     mi, dr = mitsuba(), drjit()
     columns = scene.view.crop_size[0]
     pixels = (rows[1] - rows[0]) * columns
@@ -80,16 +85,15 @@ def _trace_strip(
     random = mi.PCG32(size=pixels * rays, initstate=dr.opaque(mi.UInt64, seed))
     number = index % per_pixel
     cell = mi.Float(number % side), mi.Float(number // side)
-    place = [
-        (x + random.next_float32()) / mi.Float(side) for x in cell
-    ]  # one ray in each cell of the pixel
+    # one ray in each cell of the pixel
+    place = [(x + random.next_float32()) / mi.Float(side) for x in cell]
     ray = _camera_rays(scene, index // per_pixel, place, random, rows[0], columns)
     hit = _first_scattering(scene.mitsuba_scene, ray, random)
     valid = hit.is_valid()
     normal = dr.select(valid, hit.sh_frame.n, 0.0)
     channels = *_albedos(hit, valid, wavelengths_nm), normal.x, normal.y, normal.z
     values = [mi.Float(x) for x in channels]
-    dr.eval(values)  # all in one kernel; a sum alone would trace the rays for itself
+    dr.eval(values)  # all in one kernel; each sum alone would trace the rays again
     sums = [np.array(dr.block_reduce(dr.ReduceOp.Add, x, rays), np.float32) for x in values]
     means = np.stack(sums, axis=-1) / np.float32(rays)
     return np.asarray(means.reshape(rows[1] - rows[0], columns, -1))
@@ -103,7 +107,7 @@ def _camera_rays(
     first_row: int,
     columns: int,
 ) -> MitsubaObject:
-    """Return rays through a place in each pixel and anywhere in the pupil; rows from ``first_row`` on."""
+    """Return rays through ``place`` in each pixel and a random point of the pupil; rows start at ``first_row``."""
     mi, film = mitsuba(), scene.sensor.film()
     height = float(film.crop_size()[1])
     offset = float(film.crop_offset()[1]) - scene.view.crop_offset[1]
@@ -132,15 +136,15 @@ def _first_scattering(
         random: MitsubaObject,
         hit: MitsubaObject,
     ) -> tuple[object, ...]:
-        found = scene.ray_intersect(ray, active)
-        hit = dr.select(active, found, hit)
-        bsdf = found.bsdf()
-        clear = active & found.is_valid() & ~mi.has_flag(bsdf.flags(), flags.Smooth)
+        surface = scene.ray_intersect(ray, active)
+        hit = dr.select(active, surface, hit)
+        bsdf = surface.bsdf()
+        clear = active & surface.is_valid() & ~mi.has_flag(bsdf.flags(), flags.Smooth)
         clear &= mi.has_flag(bsdf.flags(), flags.Delta) & (bounce < BOUNCES_MAX)
         choice = random.next_float32()
         direction = mi.Point2f(random.next_float32(), random.next_float32())
-        sample, _ = bsdf.sample(context, found, choice, direction, clear)
-        ray = dr.select(clear, found.spawn_ray(found.to_world(sample.wo)), ray)
+        sample, _ = bsdf.sample(context, surface, choice, direction, clear)
+        ray = dr.select(clear, surface.spawn_ray(surface.to_world(sample.wo)), ray)
         return clear, bounce + 1, ray, random, hit
 
     start = (mi.Bool(True), mi.UInt32(0), ray, random, dr.zeros(mi.SurfaceInteraction3f))
@@ -150,11 +154,10 @@ def _first_scattering(
 
 
 def _albedos(hit: MitsubaObject, valid: Array, wavelengths_nm: Float64Array) -> list[Array]:
-    """Return the mean diffuse albedo at four wavelengths of each filter; 1 without a diffuse part, and on the shapes of
-    emitters.
+    """Return the mean diffuse albedo at four wavelengths of each filter; 1 without a diffuse part, and on emitters.
 
-    The filters are a loop, so that the code of every material is compiled once, and their wavelengths are data of the
-    kernel, because they follow from the rendered light and are others in every render.
+    A loop over the filters compiles the code of each material once. The wavelengths are data of the kernel, because
+    they follow from the rendered light and differ in every render.
     """
     mi, dr = mitsuba(), drjit()
     count, table = len(wavelengths_nm), mi.Float(np.ravel(wavelengths_nm).astype(np.float32))

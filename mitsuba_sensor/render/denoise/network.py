@@ -1,8 +1,9 @@
-"""The network of Open Image Denoise, which filters pictures; no other module knows the library."""
+"""Image filter of Open Image Denoise; no other module uses the library."""
 
 from __future__ import annotations
 
 import importlib
+import importlib.util
 from contextlib import ExitStack
 from types import ModuleType
 from typing import Self
@@ -12,29 +13,25 @@ from numpy.typing import NDArray
 
 from ...core import InputError
 
-COLOURS = 3  # channels of a picture
+COLOURS = 3  # channels of an image
 MEMORY_MAX_MB = (
-    400  # of the network, about: it goes through larger pictures in tiles, which takes longer
+    400  # of the network, about: larger images are cut into tiles, which takes longer
 )
 
 
 def library() -> ModuleType:
-    """Return the module pyoidn. Raises InputError if it is not installed."""
+    """Return the module pyoidn. Raises InputError if it cannot be imported."""
     try:
         return importlib.import_module("pyoidn")
     except ImportError:
         raise InputError(
-            "denoise needs Open Image Denoise, which this machine has not; pip install pyoidn, or leave denoise out."
+            "denoise needs Open Image Denoise, which is not installed; run `pip install pyoidn`, or omit denoise."
         ) from None
 
 
 def is_installed() -> bool:
-    """Return True if Open Image Denoise can be loaded."""
-    try:
-        library()
-    except InputError:
-        return False
-    return True
+    """Return True if Open Image Denoise is installed; it is not loaded."""
+    return importlib.util.find_spec("pyoidn") is not None
 
 
 def name() -> str:
@@ -45,10 +42,10 @@ def name() -> str:
 
 
 class Network:
-    """Filters pictures (H, W, 3) of one size, as many as there are, within ``with``; its memory is given back at the
-    end, which the library's own function does not do.
+    """Context manager that filters images (H, W, 3) of one size, and frees its memory at the end, which the library's
+    own function does not do.
 
-    normal : (H, W, 3) of the surfaces that all pictures show, or None where they have no guides.
+    normal : (H, W, 3) of the surfaces in all images, or None without guides.
     """
 
     def __init__(self, shape: tuple[int, int], normal: NDArray[np.float32] | None) -> None:
@@ -81,7 +78,7 @@ class Network:
     def filtered(
         self, colours: NDArray[np.float32], albedo: NDArray[np.float32] | None
     ) -> NDArray[np.float32]:
-        """Return what the network makes of a picture, (H, W, 3), until the next one.  albedo : (H, W, 3)."""
+        """Return the filtered image (H, W, 3), which the next call overwrites.  albedo : (H, W, 3)."""
         self._images["color"][...] = colours
         if albedo is not None:
             self._images["albedo"][...] = albedo

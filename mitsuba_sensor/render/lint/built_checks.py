@@ -1,4 +1,4 @@
-"""Checks of what Mitsuba made of a scene: its shapes, its sensor, its integrator."""
+"""Checks of a scene that Mitsuba has built: its shapes, its sensor, its integrator."""
 
 from __future__ import annotations
 
@@ -24,34 +24,34 @@ DEPOLARISING = {
     "roughplastic": "RoughPlastic",
     "thindielectric": "ThinDielectric",
 }
-"""Materials with a reflecting surface that Mitsuba 3.9.1 renders without polarisation, and their classes. tests/render/
-test_polarizers.py measures the degree of polarisation of every material at Brewster's angle; measured, which needs a
-file of measurements, is from its source."""
+"""Materials with a reflecting surface that Mitsuba 3.9.1 renders without polarisation, and their classes.
+tests/render/test_polarizers.py measures the degree of polarisation of every material at Brewster's angle, except
+measured, which needs a file."""
 ROUNDING = 1e-5  # of float32 coordinates
 FLOAT32_REACH = 2000.0
-"""Distance over (1 + p), from which on at least 1 % of the light of a sphere or disk is missing, p being the largest
-coordinate of its surface; of a cylinder, distance² over radius × (1 + p).
+"""Distance over (1 + p) at which a sphere or disk loses 1 % of its light, where p is the largest coordinate of its
+surface. For a cylinder: distance² over radius × (1 + p).
 
-Where Mitsuba intersects a shape by a formula in float32, the hit point misses the surface by 2⁻²⁴ × distance, that of a
-cylinder by 2⁻²⁴ × distance² over radius. Rays leave it from 1500 × 2⁻²⁴ × (1 + p) above it; where that is less, the
+Mitsuba intersects these shapes by a formula in float32, so the hit point misses the surface by 2⁻²⁴ × distance (a
+cylinder: 2⁻²⁴ × distance² over radius). Rays leave from 1500 × 2⁻²⁴ × (1 + p) above the surface; if that is less, the
 shape shadows itself. Measured with Mitsuba 3.9.1 in llvm_ad_rgb under a uniform sky, with radii of 0.01 to 100 and
 centres at 0 and 100: 1 % is reached at 1900 to 2500 for spheres, 1250 to 2000 for disks, 1600 to 2200 for cylinders and
-1000 to 1400 for distance fields (p of the box), which scalar variants compute in float32 too. Rectangles, meshes and
+1000 to 1400 for distance fields (p of the box), which scalar variants also compute in float32. Rectangles, meshes and
 curves are right at 100 000 radii. Distances count from near_clip.
 """
 COMPUTED_BY_FORMULA = ("Sphere", "Disk", "Cylinder", "SDFGrid")
 FROM_VACUUM = "PRBVolpathIntegrator"
 VOLUMETRIC = ("VolumetricPathIntegrator", "VolpathMisIntegratorImpl", FROM_VACUUM)
-"""Classes of volpath, volpathmis and prbvolpath. All other integrators of Mitsuba 3.9.1 leave media out, as
+"""Classes of volpath, volpathmis and prbvolpath. All other integrators of Mitsuba 3.9.1 ignore media, as
 tests/render/test_lint.py measures."""
 AXES = ((0, 0, 1), (0, 0, -1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
-HITS_MAX = 16  # surfaces that are no boundary of a medium, along one axis
-CORNER_LOSS = 0.02  # of the response of a pixel whose microlens is made for another angle
+HITS_MAX = 16  # surfaces along one axis before the boundary of a medium
+CORNER_LOSS_MIN = 0.02  # of the response of a pixel whose microlens is made for another angle
 F_NUMBER_MIN = 0.5  # of a lens in air, by the sine condition
 
 
 def points(subject: Subject, built: Built) -> Found:
-    """Shapes of no size, which are not in the picture."""
+    """Yield shapes without size, which are not in the image."""
     for number, shape in enumerate(built.world.shapes()):
         if (box := shape.bbox()).valid() and not np.ravel(box.extents()).any():
             what = f"a {shape.class_name().lower()} has no size and is not in the picture"
@@ -60,8 +60,8 @@ def points(subject: Subject, built: Built) -> Found:
 
 
 def clip_planes(subject: Subject, built: Built) -> Found:
-    """What near_clip and far_clip cut off the bounding box of all shapes, by depths along the view in scene units; of a
-    sensor inside the box no near depth is known, and only far_clip is checked."""
+    """Yield near_clip and far_clip planes that cut the bounding box of all shapes, by depths along the view in scene
+    units. If the sensor is inside the box, only far_clip is checked."""
     parameters = mitsuba().traverse(built.sensor)
     where = subject.scene.where(subject.scene.sensor())
     depths = _depths_of_corners(built)
@@ -70,15 +70,15 @@ def clip_planes(subject: Subject, built: Built) -> Found:
     near, far = float(parameters["near_clip"]), float(parameters["far_clip"])
     first, last = depths.min(), depths.max()
     if 0 < first < near * (1 - ROUNDING) or 0 < last < near:
-        what = f"near_clip is {near:g} and the scene begins at {max(first, 0.0):.4g}: nearer parts are cut off"
+        what = f"near_clip is {near:g} and the scene begins at {max(first, 0.0):.4g}: nearer surfaces are cut off"
         yield Finding("black", where, what, "give the sensor a smaller near_clip")
     if last > far * (1 + ROUNDING):
-        what = f"far_clip is {far:g} and the scene extends to {last:.4g}: farther parts are cut off"
+        what = f"far_clip is {far:g} and the scene extends to {last:.4g}: farther surfaces are cut off"
         yield Finding("black", where, what, "give the sensor a larger far_clip")
 
 
 def _depths_of_corners(built: Built) -> Float64Array:
-    """Depths of the corners of the box of all shapes along the view; none where there is no box."""
+    """Return the depths along the view of the corners of the bounding box of all shapes; none without a box."""
     box, pose = built.world.bbox(), _pose(built)
     if not box.valid():
         return np.zeros(0)
@@ -93,7 +93,7 @@ def _pose(built: Built) -> Float64Array:
 
 
 def far_shapes(subject: Subject, built: Built) -> Found:
-    """Shapes that shadow themselves because they are too far from the sensor for float32; see FLOAT32_REACH."""
+    """Yield shapes that shadow themselves, because they are too far from the sensor for float32; see FLOAT32_REACH."""
     parameters, variant = mitsuba().traverse(built.sensor), mitsuba().variant()
     kinds = COMPUTED_BY_FORMULA[3:] if variant.startswith("scalar") else COMPUTED_BY_FORMULA
     depths = _depths_of_corners(built)
@@ -101,10 +101,8 @@ def far_shapes(subject: Subject, built: Built) -> Found:
         return
     sides = float(np.max(np.ravel(built.world.bbox().extents())))
     nearest, place = float(depths.min()) - sides, _pose(built)[:3, 3]
-    far, is_clipped_enough = (
-        dict[str, str](),
-        True,
-    )  # name → kind; by a near_clip before the scene
+    far = dict[str, str]()  # name → kind
+    is_clipped_enough = True  # by a near_clip before the scene
     for number, shape in enumerate(built.world.shapes()):
         if (kind := shape.class_name()) not in kinds:
             continue
@@ -126,7 +124,7 @@ def far_shapes(subject: Subject, built: Built) -> Found:
 
 
 def _float32_reach(shape: MitsubaObject, centre: NDArray[np.float64]) -> float:
-    """Distance from near_clip at which 1 % of the light of a shape is missing, in scene units."""
+    """Return the distance from near_clip at which a shape loses 1 % of its light, in scene units."""
     largest = float(np.abs(centre).max())
     half = float(np.max(np.ravel(shape.bbox().extents()))) / 2
     kind = shape.class_name()
@@ -140,24 +138,24 @@ def _float32_reach(shape: MitsubaObject, centre: NDArray[np.float64]) -> float:
 
 
 def media(subject: Subject, built: Built) -> Found:
-    """Media under an integrator that renders none, around a sensor without a reference, and of no shape."""
+    """Yield media without a shape, media that the integrator ignores, and sensors with a wrong medium."""
     scene, sensor = subject.scene, built.sensor
     owners = scene.nodes("Shape", "Sensor", "Emitter")
-    used = [node for one in owners for _, node in scene.children(one.props, "Medium")]
-    for node in (one for one in scene.nodes("Medium") if one not in used):
-        what = "a medium belongs to no shape and changes nothing"
+    used = [node for owner in owners for _, node in scene.children(owner.props, "Medium")]
+    for node in (node for node in scene.nodes("Medium") if node not in used):
+        what = "a medium belongs to no shape and has no effect"
         remedy = 'refer to it in a shape, <ref name="interior" id="…"/>'
         yield Finding("note", scene.where(node), what, remedy)
     nodes = [node for node in scene.nodes("Medium") if node in used]
     if not nodes and not any(shape.is_medium_transition() for shape in built.world.shapes()):
         return
     classes = {type(built.integrator).__name__, built.integrator.class_name()}
-    where, take_volpath = scene.where(scene.sensor()), "take 'volpath' (--integrator volpath)"
+    where, take_volpath = scene.where(scene.sensor()), "use integrator='volpath'"
     if not classes & {*VOLUMETRIC}:
-        kind = next((one.props.plugin_name() for one in scene.nodes("Integrator")), "path")
+        kind = next((node.props.plugin_name() for node in scene.nodes("Integrator")), "path")
         if scene.loaded is not None:
             kind = built.integrator.class_name()
-        what = f"integrator {kind!r} renders no media, and the medium in {places(len(nodes) or 1)} is left out"
+        what = f"integrator {kind!r} renders no media, so the medium in {places(len(nodes) or 1)} is ignored"
         lines = subject.lines(nodes) if nodes else scene.name
         yield Finding("wrong", lines, what, take_volpath)
     elif sensor.get_medium() is not None and FROM_VACUUM in classes:
@@ -174,7 +172,7 @@ def media(subject: Subject, built: Built) -> Found:
 
 
 def _medium_around(built: Built) -> MitsubaObject:
-    """The medium in which a sensor is, by the first boundaries around it; where there is none, that of the sensor."""
+    """Return the medium around a sensor, by the first boundaries around it; without boundaries, the sensor's medium."""
     mi, dr, to_world = mitsuba(), drjit(), built.sensor.world_transform()
     outside = False
     for axis in AXES:
@@ -196,7 +194,7 @@ def _medium_around(built: Built) -> MitsubaObject:
 
 
 def depolarising(subject: Subject, built: Built) -> Found:
-    """Materials whose reflection Mitsuba leaves unpolarised, where the polarisation of light is seen."""
+    """Yield materials whose reflection Mitsuba leaves unpolarised, if the camera or variant follows polarisation."""
     scene, camera = subject.scene, subject.camera
     polarised = camera is not None and scene.polarised_by(camera) is not None
     if scene.ignore_polarization or not (polarised or is_polarized()):
@@ -205,17 +203,18 @@ def depolarising(subject: Subject, built: Built) -> Found:
     kinds, where = {node.props.plugin_name() for node in nodes}, subject.lines(nodes)
     if scene.loaded is not None:
         owners = (entry[2] for entry in mitsuba().traverse(built.world).properties.values())
-        classes = {one.class_name() for one in owners if isinstance(one, mitsuba().BSDF)}
+        classes = {x.class_name() for x in owners if isinstance(x, mitsuba().BSDF)}
         kinds = {kind for kind, name in DEPOLARISING.items() if name in classes}
         where = scene.name
     if kinds:
-        what = f"Mitsuba depolarises what {', '.join(map(repr, sorted(kinds)))} reflects and transmits"
+        what = f"Mitsuba depolarises light that {', '.join(map(repr, sorted(kinds)))} reflects or transmits"
         remedy = "take 'pplastic' for plastic and paint, 'dielectric' for glass and water, which keep its polarisation"
         yield Finding("wrong", where, what, remedy)
 
 
 def microlenses(subject: Subject, built: Built) -> Found:
-    """The farthest corner, where the chief ray is not that of the microlenses. Raises InputError where a table ends."""
+    """Yield the response of the farthest corner, if its chief ray misses the microlens. Raises InputError beyond the
+    end of a table."""
     camera, view = subject.camera, built.view
     if camera is None or camera.pixel.angular_response is None:
         return
@@ -224,21 +223,21 @@ def microlenses(subject: Subject, built: Built) -> Found:
         reach.append(max(axis - first, first + count - axis))
     height_mm = np.array([math.hypot(*reach) * camera.pixel.pitch_x_um * 1e-3])
     response = float(slant_response(view, camera, height_mm)[0])
-    if response > 1 - CORNER_LOSS:
+    if response > 1 - CORNER_LOSS_MIN:
         return
     chief = float(chief_ray_deg(view, camera, height_mm)[0])
     made_for = float(microlens_deg(camera, height_mm)[0])
     what = (
         f"the chief ray of the corner comes at {chief:.3g} degrees, its microlens is made for {made_for:.3g}, and its "
-        f"pixel has {response:.3g} of the response"
+        f"pixel has {response:.3g} of the response, as in the picture"
     )
-    remedy = "the picture has it; pixel.microlens_cra_deg and lens.pupil_magnification say for which angles"
+    remedy = "change pixel.microlens_cra_deg or lens.pupil_magnification for other angles"
     yield Finding("note", subject.scene.where(subject.scene.sensor()), what, remedy)
 
 
 def aperture(subject: Subject, built: Built) -> Found:
-    """A thin lens with an aperture that no lens has, as one in metres among millimetres: it blurs so, and its light is
-    that of the camera's f-number. A film that is smaller than the sensor counts as a preview of the whole sensor."""
+    """Yield a thin lens with an impossibly large aperture, e.g. in metres instead of millimetres. It determines the
+    blur; the camera's f-number determines the light. A smaller film counts as a preview of the sensor."""
     if (camera := subject.camera) is None:
         return
     of_film = aperture_f_number(built.view, camera)
@@ -247,6 +246,6 @@ def aperture(subject: Subject, built: Built) -> Found:
     of_blur = of_film * max(camera.sensor.columns / built.view.size[0], 1.0)
     if of_blur < F_NUMBER_MIN:
         of_light = camera.lens.f_number
-        what = f"aperture_radius blurs as f/{of_blur:.2g}, and the light is that of the camera's f/{of_light:g}"
+        what = f"aperture_radius blurs as f/{of_blur:.2g}, but the light is for the camera's f/{of_light:g}"
         remedy = f"multiply aperture_radius, which is in scene units, by {of_blur / of_light:.2g} for the same f-number"
         yield Finding("note", subject.scene.where(subject.scene.sensor()), what, remedy)

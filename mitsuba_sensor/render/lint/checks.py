@@ -1,7 +1,7 @@
-"""Checks a scene, before rendering, for what differs from what its author probably expects; Mitsuba warns of nothing.
+"""Checks a scene before rendering for what its author probably does not expect; Mitsuba itself gives no warnings.
 
-A check is a function that yields findings. The checks of CHECKS read the parsed scene, those of CHECKS_OF_BUILT what
-Mitsuba made of it. A new one goes into one of the two tables.
+A check is a function that yields findings. CHECKS read the parsed scene, CHECKS_OF_BUILT the built one. Add a new check
+to one of the two tables.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .refusals import MESH_ATTRIBUTE
 
 ADDING = ("aov", "moment", "stokes")
 """Integrators that add channels; with specfilm they corrupt memory (#1189)."""
-WRAPPERS = (*ADDING, "raw_frame")  # the one inside them is rendered
+WRAPPERS = (*ADDING, "raw_frame")  # the integrator inside them is rendered
 SPECTRAL_RESPONSE = "srf"  # parameter of a sensor
 POSITIONAL = ("point", "spot", "projector")
 """Emitters whose irradiance depends on a distance in scene units."""
@@ -34,20 +34,20 @@ def lint(subject: Subject) -> list[Finding]:
 
 
 def lint_built(findings: list[Finding], subject: Subject, built: Built) -> list[Finding]:
-    """Return these findings and those in what Mitsuba made of the scene."""
+    """Return these findings and those in the built scene."""
     more = chain.from_iterable(check(subject, built) for check in CHECKS_OF_BUILT)
     return most_serious_first([*findings, *more])
 
 
 def units(subject: Subject) -> Found:
-    """Emitters that are a point: their distance is taken in scene units (#1426)."""
+    """Yield point emitters, whose distances Mitsuba takes in scene units (#1426)."""
     nodes = [n for n in subject.scene.nodes("Emitter") if n.props.plugin_name() in POSITIONAL]
     if not nodes or subject.unit_m == 1.0:
         return
     kinds = ", ".join(sorted({node.props.plugin_name() for node in nodes}))
     what, where = f"{kinds} light in {places(len(nodes))}", subject.lines(nodes)
     if subject.unit_m is None:
-        what = f"{what} is right only if the scene unit is the metre, which is not known"
+        what = f"{what} is right only if the scene unit is the metre, but the unit is unknown"
         yield Finding("note", where, what, "give scene_unit")
     else:
         what = (
@@ -57,14 +57,14 @@ def units(subject: Subject) -> Found:
 
 
 def changes(subject: Subject) -> Found:
-    """What was changed when the scene was parsed, and what is replaced in it before it is built."""
+    """Yield changes made by the parser, and replacements made before the scene is built."""
     scene, sensor, film = subject.scene, subject.scene.sensor(), subject.scene.film()
     for where, what, why in scene.changes:
         yield Finding("note", where, what, why)
     for node in scene.nodes("BSDF") if scene.ignore_polarization else ():
         if (kind := node.props.plugin_name()) in POLARISING:
-            what = f"{kind!r} acts on unpolarised light alone: behind a second one the light is wrong"
-            remedy = "its transmittance is that for unpolarised light"
+            what = f"{kind!r} is rendered for unpolarised light: after a second polariser the light is wrong"
+            remedy = "omit ignore_polarization to follow the polarisation"
             yield Finding("note", scene.where(node), what, remedy)
     kind = film.props.plugin_name() if film else "hdrfilm"
     filters = scene.children(film.props, "ReconstructionFilter") if film else []
@@ -77,7 +77,7 @@ def changes(subject: Subject) -> Found:
     replaced += [f"sampler {name!r} by {SAMPLER!r}" for name in samplers if name != SAMPLER]
     if replaced:
         what, where = (
-            "the sensor needs a spectrum of each pixel alone",
+            "the sensor needs the spectrum of each pixel without its neighbours",
             scene.where(film or sensor),
         )
         yield Finding("fact", where, what, f"replaced {', '.join(replaced)}")
@@ -85,27 +85,24 @@ def changes(subject: Subject) -> Found:
         what = "only the crop window of the film is rendered"
         yield Finding("note", scene.where(film), what, "remove it to render the whole film")
     if SPECTRAL_RESPONSE in sensor.props:
-        what = f"{SPECTRAL_RESPONSE} of the sensor is a spectral response, and the camera has its own"
-        yield Finding(
-            "note",
-            scene.where(sensor),
-            what,
-            f"{SPECTRAL_RESPONSE} replaced by that of the camera",
-        )
+        what = f"the camera has a spectral response, so {SPECTRAL_RESPONSE} of the sensor is ignored"
+        remedy = f"remove {SPECTRAL_RESPONSE}, or change the camera's quantum_efficiency"
+        yield Finding("note", scene.where(sensor), what, remedy)
 
 
 def without_effect(subject: Subject) -> Found:
-    """Elements and parameters that change nothing, or take light away that the sensor would see."""
+    """Yield elements and parameters without effect, or that remove light from the sensor."""
     scene, sensor = subject.scene, subject.scene.sensor()
     for node in scene.nodes("Integrator"):
         kind, where = node.props.plugin_name(), scene.where(node)
         if kind in ADDING:
-            inner = "the one inside it" if scene.children(node.props, "Integrator") else "path"
+            nested = scene.children(node.props, "Integrator")
+            inner = "the integrator inside it" if nested else "path"
             what = f"integrator {kind!r} adds channels that the sensor does not use"
             yield Finding("note", where, what, f"integrator {kind!r} replaced by {inner}")
         if node.props.get("hide_emitters"):
             what = "hide_emitters makes visible emitters black"
-            yield Finding("wrong", where, what, "remove it: a sensor images lamps and sky")
+            yield Finding("wrong", where, what, "remove it: a sensor sees lamps and sky")
     if any(name in sensor.props for name in ("shutter_open", "shutter_close")):
         what = "shutter_open and shutter_close change nothing in Mitsuba 3: no transform moves in time"
         yield Finding(
@@ -113,8 +110,8 @@ def without_effect(subject: Subject) -> Found:
         )
     nodes = [node for _, node in scene.children(scene.root, "Sensor")]
     if len(nodes) > 1 and scene.chosen is None:
-        what = f"the scene has {len(nodes)} sensors ({', '.join(scene.sensors())}); the first one was taken"
-        remedy = "--sensor NAME takes another one, and --sensor all a frame of each"
+        what = f"the scene has {len(nodes)} sensors ({', '.join(scene.sensors())}), and the first was taken"
+        remedy = "--sensor NAME takes another sensor, --sensor all takes a frame of each"
         yield Finding("note", subject.lines(nodes[1:]), what, remedy)
     for _, node in scene.children(scene.root, "Emitter"):
         if (kind := node.props.plugin_name()) in ON_SHAPES:
@@ -123,7 +120,7 @@ def without_effect(subject: Subject) -> Found:
 
 
 def vertex_colours(subject: Subject) -> Found:
-    """Meshes whose vertices have colours above 1, which Mitsuba takes for 1."""
+    """Yield meshes with vertex colours above 1, which Mitsuba takes as 1."""
     scene = subject.scene
 
     def takes_attribute(node: MitsubaObject) -> bool:
@@ -138,8 +135,8 @@ def vertex_colours(subject: Subject) -> Found:
         file = Path(str(scene.resolver.resolve(node.props.get("filename", ""))))
         largest = largest_colour(file) if file.is_file() else None
         if largest is not None and largest > 1:
-            what = f"colours of vertices in {file.name!r} are as large as {largest:g}: Mitsuba takes 1 instead"
-            remedy = "give values from 0 to 1: if they count from 0 to 255, divide them by 255"
+            what = f"vertex colours in {file.name!r} are as large as {largest:g}: Mitsuba takes 1 instead"
+            remedy = "give values from 0 to 1; if they range from 0 to 255, divide them by 255"
             yield Finding("wrong", scene.where(node), what, remedy)
 
 

@@ -1,4 +1,4 @@
-"""What is checked, and the result of a check: how serious it is, where it is in the file, and what to do."""
+"""The subject of a check, and its result: level, place in the file, fact and remedy."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ TOLERANCE_NM = 1e-3
 class Finding:
     """One result of a check.
 
-    level : "black", radiance is missing; "wrong", a value means something else than expected;
-        "note"; or "fact", which changes nothing in a frame and is not among the notes of a render.
+    level : "black", radiance is missing; "wrong", a value means something else than expected; "note"; or "fact", which
+        changes nothing in a frame and is not among the notes of a render.
     where : lines in the scene file.  what : fact and consequence.  remedy : what to do, or what was done.
-    data_nm : the wavelengths for which there are data, if the finding is that data end; else None.
-    beyond : what is true of the scene at other wavelengths.
+    data_nm : wavelengths with data, if the finding is that data end; else None.
+    beyond : assumption about the scene at other wavelengths.
     """
 
     level: Literal["black", "wrong", "note", "fact"]
@@ -50,7 +50,7 @@ class Finding:
 
     @property
     def as_note(self) -> str:
-        """The sentence among the notes of a render: a doubt if something is black or wrong."""
+        """Sentence among the notes of a render; a doubt if something is black or wrong."""
         return Doubt(self) if self.is_serious else str(self)
 
     def to_dict(self) -> dict[str, str]:
@@ -64,9 +64,9 @@ Found: TypeAlias = Iterator[Finding]
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A parsed scene and what it is rendered for.
+    """A parsed scene, and the bands and camera that it is rendered for.
 
-    band_nm : ends of all bands together.  unit_m : metres per scene unit; None if not known.
+    band_nm : ends of all bands together.  unit_m : metres per scene unit; None if unknown.
     """
 
     scene: ParsedScene
@@ -82,30 +82,28 @@ class Subject:
     @cached_property
     def lights(self) -> list[tuple[MitsubaObject, Range]]:
         """Each emitter, and the wavelengths at which it can shine."""
-        own = dict[int, list[Property]]()
-        for one in self.properties:
-            own.setdefault(one.number, []).append(one)
-        emitter = mitsuba().ObjectType.Emitter
-        nodes = [
-            (n, node) for n, node in enumerate(self.scene.state.nodes) if node.type == emitter
+        nodes = enumerate(self.scene.state.nodes)
+        return [
+            (node, light_range(node, [one for one in self.properties if one.number == number]))
+            for number, node in nodes
+            if node.type == mitsuba().ObjectType.Emitter
         ]
-        return [(node, light_range(node, own.get(number, []))) for number, node in nodes]
 
     @property
     def is_dark(self) -> bool:
-        """Return True if the scene has lights, and none of them has a spectrum in the bands."""
+        """Return True if the scene has lights but none with a spectrum in the bands."""
         (low_nm, high_nm), lights = self.band_nm, self.lights
         return bool(lights) and not any(
             low < high_nm and high > low_nm for _, (low, high) in lights
         )
 
     def is_covered_by(self, data_nm: Range) -> bool:
-        """Return True if there are data in all bands."""
+        """Return True if the data cover all bands."""
         low_nm, high_nm = self.band_nm
         return data_nm[0] <= low_nm + TOLERANCE_NM and data_nm[1] >= high_nm - TOLERANCE_NM
 
     def beyond(self, data_nm: Range) -> str:
-        """Return where the bands are, and how much the camera detects where there are no data."""
+        """Return the extent of the bands, and how much the camera detects without data."""
         low_nm, high_nm = self.band_nm
         extent = f"the bands extend from {low_nm:g} to {high_nm:g} nm"
         if self.camera is None:
@@ -118,12 +116,12 @@ class Subject:
         return f"{extent}, and the {name} pixels detect {share:.1%} of a flat spectrum beyond"
 
     def lines(self, nodes: Sequence[MitsubaObject]) -> str:
-        """Return where nodes are in the scene file."""
+        """Return the lines of nodes in the scene file."""
         return lines_of(self.scene, nodes)
 
 
 class Built(NamedTuple):
-    """What Mitsuba made of a scene.  world : its shapes and emitters.  view : through the lens of the camera."""
+    """A scene built by Mitsuba.  world : its shapes and emitters.  view : through the lens of the camera."""
 
     world: MitsubaObject
     sensor: MitsubaObject
@@ -132,12 +130,12 @@ class Built(NamedTuple):
 
 
 def most_serious_first(findings: Iterable[Finding]) -> list[Finding]:
-    """Return the findings, black before wrong before notes before facts."""
+    """Return the findings in the order black, wrong, note, fact."""
     return sorted(findings, key=lambda finding: ORDER.index(finding.level))
 
 
 def lines_of(scene: ParsedScene, nodes: Sequence[MitsubaObject]) -> str:
-    """Return ``line 3``, ``lines 3, 9 and 4 more``; a look-up reads the file, so few are looked up."""
+    """Return ``line 3`` or ``lines 3, 9 and 4 more``; each look-up reads the file, so only a few are made."""
     named = list(dict.fromkeys(scene.where(node) for node in nodes[:NAMED_MAX]))
     more = f" and {len(nodes) - NAMED_MAX} more" if len(nodes) > NAMED_MAX else ""
     lines = [place.removeprefix("line ") for place in named if place.startswith("line ")]
@@ -154,7 +152,8 @@ def places(count: int, noun: str = "place") -> str:
 def largest_share(
     camera: Camera, electrons: Float64Array, is_beyond: NDArray[np.bool_]
 ) -> tuple[str, float]:
-    """Return the filter with the largest share of electrons, (F, B), in some bands, (B,); and that share."""
+    """Return the filter with the largest fraction of its electrons, shape (F, B), in some bands, shape (B,), and that
+    fraction."""
     total, beyond = electrons.sum(axis=1), electrons[:, is_beyond].sum(axis=1)
     shares = np.divide(beyond, total, out=np.zeros_like(total), where=total > 0)
     return camera.filter_names[int(np.argmax(shares))], float(shares.max())

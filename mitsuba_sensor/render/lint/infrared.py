@@ -148,7 +148,7 @@ def _refuse(scene: ParsedScene, colours: list[Colour], high_nm: float) -> None:
         raise InputError(
             f"infrared is 'refuse' and the bands extend to {high_nm:g} nm, where RGB says nothing of "
             f"{', '.join(names[:MOST_NAMED])}{more}; give them spectra, or materials, e.g. "
-            "--infrared 'leaf_*=vegetation'."
+            "infrared={'leaf_*': 'vegetation'}."
         )
 
 

@@ -1,4 +1,4 @@
-"""Refuses scene files that cannot be rendered into spectral bands, and says what to do instead."""
+"""Rejects scenes that cannot be rendered into spectral bands, and proposes what to do instead."""
 
 from __future__ import annotations
 
@@ -17,21 +17,17 @@ from ..variants import MitsubaObject, is_polarized, mitsuba
 from .finding import Finding, lines_of
 from .spectra import Range
 
-PICTURES = ("bitmap", "envmap")  # whose file is one
-SOURCES = (
-    "filename",
-    "bitmap",
-    "data",
-)  # of a bitmap; without one Mitsuba 3.9.1 ends the process
+PICTURES = ("bitmap", "envmap")  # plugins that read an image file
+SOURCES = ("filename", "bitmap", "data")  # a bitmap without any of them ends the process
 MESH_ATTRIBUTE = "mesh_attribute"  # texture
 ATTRIBUTES_TAKEN = re.compile(r'MeshAttribute\[\s*name = "([^"]*)"')
-"""In what Mitsuba prints of a material."""
+"""A pattern in Mitsuba's description of a material."""
 INTEGRATORS = {
-    "depth": "computes no radiance",
-    "volprim_rf_basic": "renders radiance fields of red, green and blue and no spectra",
+    "depth": "does not compute radiance",
+    "volprim_rf_basic": "renders RGB radiance fields without spectra",
     "ptracer": "starts its paths at the emitters and cannot write spectral bands",
 }
-"""Integrators that cannot be used, and why."""
+"""Integrators that cannot be used, and the reason."""
 
 
 def refuse_unsuitable(scene: ParsedScene) -> None:
@@ -49,20 +45,20 @@ def refuse_unsuitable(scene: ParsedScene) -> None:
         kind, why = node.props.plugin_name(), ""
         if node == scene.sensor() and kind not in IMAGING:
             another = (
-                f", or take another sensor of the scene: --sensor {others[0]}" if others else ""
+                f", or use another sensor of the scene: sensor={others[0]!r}" if others else ""
             )
             why = why_no_image(kind) + another
         elif kind in INTEGRATORS:
             new = "volpath" if scene.nodes("Medium") else "path"
-            why = f"{kind!r} {INTEGRATORS[kind]}; take {new!r} (--integrator, integrator=)"
+            why = f"{kind!r} {INTEGRATORS[kind]}; use integrator={new!r}"
         elif kind in POLARISING and not is_followed:
             why = (
-                f"{kind!r} acts on polarised light; take a variant that follows it, e.g. --variant "
-                "llvm_ad_spectral_polarized, or --ignore-polarization for unpolarised light"
+                f"{kind!r} acts on polarised light; use a polarised variant, e.g. "
+                "variant='llvm_ad_spectral_polarized', or ignore_polarization=True for unpolarised light"
             )
         elif kind == "timed_sunsky" and not variant.startswith("scalar"):
-            # Dr.Jit refuses to trace it, and every render of the process after that.
-            why = f"{kind!r} of Mitsuba 3.9.1 fails in {variant}; take `--variant scalar_spectral`"
+            # Dr.Jit fails to trace it, and every later render of the process.
+            why = f"{kind!r} of Mitsuba 3.9.1 fails in {variant}; use variant='scalar_spectral'"
         if why:
             raise InputError(f"scene {scene.name!r}, {scene.where(node)}: {why}.")
 
@@ -89,10 +85,8 @@ def refuse_missing_files(scene: ParsedScene) -> None:
 
 
 def refuse_missing_attributes(scene: ParsedScene, world: MitsubaObject) -> None:
-    """InputError for a shape without an attribute that its material or light takes.
-
-    Scalar variants end in an error then, and the others render it black.
-    """
+    """Raise InputError for a shape without an attribute that its material or light takes: scalar variants fail on it,
+    and compiled variants render it black."""
     takers = [
         node for node in scene.nodes("Texture") if node.props.plugin_name() == MESH_ATTRIBUTE
     ]
@@ -100,7 +94,7 @@ def refuse_missing_attributes(scene: ParsedScene, world: MitsubaObject) -> None:
         return
     owners = (entry[2] for entry in mitsuba().traverse(world).properties.values())
     meshes = {id(owner): owner for owner in owners if isinstance(owner, mitsuba().Mesh)}
-    for number, shape in enumerate([*world.shapes(), *meshes.values()]):  # those in groups too
+    for number, shape in enumerate([*world.shapes(), *meshes.values()]):  # and meshes in groups
         for name in ATTRIBUTES_TAKEN.findall(f"{shape.bsdf()} {shape.emitter()}"):
             if shape.has_attribute(name):
                 continue
@@ -118,32 +112,25 @@ def refuse_missing_attributes(scene: ParsedScene, world: MitsubaObject) -> None:
 
 
 def refuse_black(band_nm: Range, lost: int, findings: Iterable[Finding]) -> NoReturn:
-    """InputError for a picture in which nothing is above 0, with what may be the cause.
-
-    lost : values of single passes that were NaN.
-    """
+    """Raise InputError for a black image, with the probable cause.  lost : number of NaN values of single passes."""
     what = f"the scene is black from {band_nm[0]:g} to {band_nm[1]:g} nm"
     remedy = "give it an emitter that lights what the sensor sees, with a spectrum there"
     if lost:
         what = f"{what}: {lost} values of its light were NaN and all others are 0"
-        remedy = (
-            "look for NaN in textures and environment maps, and for metals whose eta and k end"
-        )
-    serious = [
-        f"{finding.what} ({finding.where})" for finding in findings if finding.is_serious
-    ]
+        remedy = "check textures and environment maps for NaN, and eta and k of metals for their ends"
+    serious = [f"{x.what} ({x.where})" for x in findings if x.is_serious]
     if serious:
         remedy = f"perhaps because {', or because '.join(serious)}; otherwise {remedy}"
     raise InputError(f"{what}; {remedy}.")
 
 
 def refuse_misspelt(scene: ParsedScene) -> None:
-    """InputError for unknown types and parameters of film, filter and sampler, which Mitsuba never sees because they
-    are replaced. Those of old formats may be unknown."""
+    """Raise InputError for unknown types and parameters of film, filter and sampler, which Mitsuba never reads because
+    they are replaced. Old formats may have unknown parameters."""
     mi, versions = (
         mitsuba(),
         [str(version) for version in scene.state.versions],
-    )  # none of a dict
+    )  # of a dict: none
     for node in scene.nodes("Film", "Sampler", "ReconstructionFilter"):
         kind, props = node.props.plugin_name(), node.props
         if kind == FILM or (versions and versions[node.file_index] < "3"):

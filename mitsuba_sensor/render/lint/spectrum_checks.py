@@ -1,7 +1,7 @@
-"""Checks of the spectra of a scene: those that end inside the bands, and values that cannot be.
+"""Checks of the spectra of a scene: spectra that end inside the bands, and impossible values.
 
-Outside 360 to 830 nm Mitsuba's own emitters are zero by default, sun and sky outside 320 to 720 nm; a table is zero
-outside its nodes. A reflectance above 1 makes light, and Mitsuba renders it.
+Mitsuba's emitters are zero outside 360 to 830 nm by default, sun and sky outside 320 to 720 nm; a table is zero outside
+its nodes. Mitsuba renders reflectances above 1, which create light.
 """
 
 from __future__ import annotations
@@ -25,21 +25,17 @@ FRACTIONS = (
     *("reflectance", "diffuse_reflectance", "specular_reflectance", "specular_transmittance"),
     *("base_color", "albedo"),
 )
-"""Properties of materials and media that are the share of the light that comes back."""
+"""Properties of materials and media that are fractions of the incident light."""
 MICROMETRES_MAX = 20.0  # end of a table that is more likely in µm than in nm
-PERCENT_MIN, PERCENT_MAX = (
-    2.0,
-    100.0,
-)  # largest values of a fraction that is more likely in percent
-COUNTS = 255.0
+PERCENT_MIN, PERCENT_MAX = 2.0, 100.0  # largest values that are more likely in percent
+COUNTS_MAX = 255.0
 
 
 def incomplete(subject: Subject) -> Found:
-    """Lights and materials whose spectra end inside the bands."""
+    """Yield lights and materials whose spectra end inside the bands."""
     low_nm, high_nm = subject.band_nm
-    surfaces = [one for one in subject.properties if not one.is_light]
     spectra = [(node, "light", data_nm) for node, data_nm in subject.lights]
-    spectra += [(one.node, repr(one.role), one.data_nm) for one in surfaces]
+    spectra += [(x.node, repr(x.role), x.data_nm) for x in subject.properties if not x.is_light]
     ending: dict[tuple[str, Range, str], list[MitsubaObject]] = {}
     for node, name, data_nm in spectra:
         if not subject.is_covered_by(data_nm):
@@ -47,7 +43,7 @@ def incomplete(subject: Subject) -> Found:
             if data_nm[1] < MICROMETRES_MAX:
                 remedy = "if its wavelengths are in µm, multiply them by 1000: Mitsuba reads nm"
             elif (kind := node.props.plugin_name()) in SKIES:
-                remedy = f"{kind!r} has no more data: add another light from {low_nm:g} to {high_nm:g} nm"
+                remedy = f"{kind!r} has no other data: add another light from {low_nm:g} to {high_nm:g} nm"
             ending.setdefault((name, data_nm, remedy), []).append(node)
     for (name, data_nm, remedy), nodes in ending.items():
         yield _ending(subject, name, len(nodes), subject.lines(nodes), data_nm, remedy)
@@ -56,17 +52,18 @@ def incomplete(subject: Subject) -> Found:
 def _ending(
     subject: Subject, name: str, count: int, where: str, data_nm: Range, remedy: str
 ) -> Finding:
-    """A spectrum that ends: black, but for the indices of a metal, without which everything is reflected."""
-    what = f"{name} in {places(count)} is {{}} outside {data_nm[0]:.5g} to {data_nm[1]:.5g} nm{{}}; "
-    what += subject.beyond(data_nm)
-    if name.strip("'") in INDICES:
-        what = what.format(0, ", where a metal then reflects everything or is NaN")
-        return Finding("wrong", where, what, remedy, data_nm)
-    return Finding("black", where, what.format("black", ""), remedy, data_nm)
+    """Return the finding of a spectrum that ends: black, or a metal without indices, which reflects everything."""
+    is_index = name.strip("'") in INDICES
+    ends = f"outside {data_nm[0]:.5g} to {data_nm[1]:.5g} nm"
+    what = f"{name} in {places(count)} is {0 if is_index else 'black'} {ends}"
+    if is_index:
+        what += ", where a metal then reflects everything or is NaN"
+    what = f"{what}; {subject.beyond(data_nm)}"
+    return Finding("wrong" if is_index else "black", where, what, remedy, data_nm)
 
 
 def metals(subject: Subject) -> Found:
-    """Metals whose tables end inside the bands."""
+    """Yield metals whose tables end inside the bands."""
     short: dict[tuple[str, Range], list[MitsubaObject]] = {}
     for node, table in metals_of(subject.scene):
         data_nm = float(table["wavelengths"][0]), float(table["wavelengths"][-1])
@@ -75,22 +72,22 @@ def metals(subject: Subject) -> Found:
     for (material, data_nm), nodes in short.items():
         ends = f"{data_nm[0]:.5g} to {data_nm[1]:.5g} nm"
         what = f"Mitsuba's table of {material!r} in {places(len(nodes))} has {ends}; {subject.beyond(data_nm)}"
-        remedy = (
-            "its first and last values are held beyond; give eta and k if you know them there"
-        )
+        remedy = "its first and last values are held; give eta and k there if you know them"
         yield Finding("note", subject.lines(nodes), what, remedy, data_nm)
 
 
 def colours(subject: Subject) -> Found:
-    """What rgb colours are at wavelengths that nobody sees: a rule beyond 700 nm, guesses of Mitsuba below 360 nm; and
-    textures as lights, which Mitsuba does not multiply by D65 as it does with <rgb> and envmap."""
+    """Yield the rules of RGB colours beyond 700 nm, colours that Mitsuba extrapolates below 360 nm, and textures as
+    lights, which Mitsuba does not multiply by D65 as it does <rgb> and envmap."""
     scene, (low_nm, high_nm) = subject.scene, subject.band_nm
     by_material: dict[str | None, list[MitsubaObject]] = {}
     for colour, material in ruled_colours(scene, subject.properties, high_nm):
         by_material.setdefault(material and material.name, []).append(colour.node)
     for name, nodes in by_material.items():
         rule = f"keeps its value at {HELD_FROM_NM:g} nm"
-        remedy = "give measured spectra, or the material, e.g. --infrared 'leaf_*=vegetation'"
+        remedy = (
+            "give measured spectra, or the material, e.g. infrared={'leaf_*': 'vegetation'}"
+        )
         if name is not None:
             rule, remedy = f"is {name!r}", f"measured: {materials()[name].source}"
         rgb, data_nm = f"rgb in {places(len(nodes))}", (0.0, HELD_FROM_NM)
@@ -104,20 +101,20 @@ def colours(subject: Subject) -> Found:
         )
         what = f"{what}; {subject.beyond(data_nm)}"
         yield Finding("wrong", subject.lines(nodes), what, "give measured spectra", data_nm)
-    of_lamps = [one.node for one in all_colours if one.is_light and one.role in STRENGTHS]
+    of_lamps = [x.node for x in all_colours if x.is_light and x.role in STRENGTHS]
     if lamps := list({id(node): node for node in of_lamps}.values()):
         what = (
-            f"a texture as a light in {places(len(lamps))} is not multiplied by D65, as <rgb> is: its white is flat, "
+            f"a texture as a light in {places(len(lamps))} is not multiplied by D65, unlike <rgb>: its white is flat, "
             f"and it shines beyond {MITSUBA_NM[1]:g} nm"
         )
-        remedy = "give the light <rgb> or <spectrum> where that matters"
+        remedy = "give the light <rgb> or <spectrum> if that matters"
         yield Finding("note", subject.lines(lamps), what, remedy)
 
 
 def float_lights(subject: Subject) -> Found:
-    """Floats that mean D65 (#1579)."""
-    strengths = [one for one in subject.properties if one.is_light and one.role in STRENGTHS]
-    nodes = [one.node for one in strengths if one.is_number and one.parts[0].kind == "float"]
+    """Yield floats that mean D65 (#1579)."""
+    strengths = [x for x in subject.properties if x.is_light and x.role in STRENGTHS]
+    nodes = [x.node for x in strengths if x.is_number and x.parts[0].kind == "float"]
     if nodes:
         what = f"a float in {places(len(nodes))} gives the spectrum of D65, not a flat one"
         remedy = 'write <spectrum name="radiance" value="..."/> for the same value at every wavelength'
@@ -132,11 +129,11 @@ IMPOSSIBLE = {
     "negative": "{} has {count} value(s) below 0, as small as {:g}: no light is negative",
     "infinite": "{} has {count} values that are not finite",
 }
-"""Fault → what is said of it, with the worst value and how many there are."""
+"""Fault → its description, with the worst value and the number of values."""
 
 
 def impossible_values(subject: Subject) -> Found:
-    """Surfaces and media that return more light than they receive, light that is negative, and NaN."""
+    """Yield surfaces and media that return more light than they receive, negative light, and NaN."""
     faults: dict[tuple[str, str], list[tuple[MitsubaObject, float, int]]] = {}
     for node, _, role, is_light, parts in subject.properties:
         is_fraction, is_strength = role in FRACTIONS, is_light and role in STRENGTHS
@@ -169,16 +166,16 @@ def impossible_values(subject: Subject) -> Found:
 
 
 def _remedy_of_fraction(largest: float) -> str:
-    """What to do with a fraction above 1."""
-    if largest <= PERCENT_MIN or largest > COUNTS:
+    """Return what to do with a fraction above 1."""
+    if largest <= PERCENT_MIN or largest > COUNTS_MAX:
         return "give values from 0 to 1"
     if largest <= PERCENT_MAX:
         return "if it is in percent, divide it by 100"
-    return "if it counts from 0 to 255, divide it by 255"
+    return "if it ranges from 0 to 255, divide it by 255"
 
 
 def spectra_of_loaded(subject: Subject, built: Built) -> Found:
-    """Spectra of a scene that Mitsuba has loaded, by its parameters; pictures and colours are not looked at."""
+    """Yield spectra of a loaded scene, by its parameters; images and colours are not checked."""
     short: dict[tuple[str, Range], list[str]] = {}
     for key, value in values_of(built.world) if subject.scene.loaded is not None else ():
         *place, part = key.split(".")
@@ -201,7 +198,7 @@ def spectra_of_loaded(subject: Subject, built: Built) -> Found:
 
 
 def _named(parameters: Sequence[str]) -> str:
-    """The names of the first few parameters; elements without an id have a new one in each run."""
+    """Return the names of the first few parameters; elements without an id have a new name in each run."""
     few = [UNNAMED.sub("an element without an id", name) for name in parameters[:NAMED_MAX]]
     more = f" and {len(parameters) - NAMED_MAX} more" if len(parameters) > NAMED_MAX else ""
     return ", ".join(dict.fromkeys(few)) + more

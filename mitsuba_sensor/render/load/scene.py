@@ -24,7 +24,7 @@ from ..light.bands import (
     response_film,
     restrict_wavelengths,
 )
-from ..light.brightness import HIGHEST_LAMP_CD_PER_M2, brightest_lamp, cd_per_m2
+from ..light.brightness import LAMP_CD_PER_M2_MAX, brightest_lamp, cd_per_m2
 from ..lint.checks import SPECTRAL_RESPONSE, WRAPPERS, lint, lint_built
 from ..lint.finding import Built, Finding, Subject, lines_of
 from ..lint.infrared import apply_infrared
@@ -241,7 +241,7 @@ def inspect_scene(
         return loaded.findings
     lamps = [node for node in scene.nodes("Emitter") if node.props.plugin_name() == "area"]
     brightest = Finding(
-        "note" if luminance > HIGHEST_LAMP_CD_PER_M2 else "fact",
+        "note" if luminance > LAMP_CD_PER_M2_MAX else "fact",
         lines_of(scene, lamps),
         f"the brightest lamp has {cd_per_m2(luminance)}",
         "`render --luminance 500` scales all light to 500 cd/m² in the median of the picture",

@@ -1,7 +1,7 @@
 """AOVs of a frame: depth, position, normal, albedo, shape index and optical flow of each pixel.
 
-A pass of its own: one ray through the centre of each pixel and of the pupil, without averaging at edges, pixel-aligned
-with the frame (same film, crop, lens). With a rolling shutter every row shows the scene at the time when it opens.
+A separate pass traces one ray through the centre of each pixel and of the pupil, without averaging at edges, aligned
+with the pixels of the frame (same film, crop, lens). With a rolling shutter each row shows the scene when it opens.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ from .moving_scene import AnimatedTransforms
 from .rays import first_hits
 
 RowProgress = Callable[[int, int], None]
-SAMPLES_PER_RAY = 4  # samples of a render that take the memory of one ray of this pass
+SAMPLES_PER_RAY = 4  # samples of a render that need the memory of one ray of this pass
 
 
 @dataclass(frozen=True, eq=False)
 class Aovs:
     """The AOVs of a frame. All arrays are float32, lengths are metres.
 
-    "Empty" are pixels whose ray meets no surface, or to which the lens passes no light.
+    A pixel is empty if its ray meets no surface or if the lens passes no light to it.
 
-    depth_m : (H, W) distance from the camera along its optical axis; +inf where empty.
-    position_m : (H, W, 3) in world space; NaN where empty.
-    normal : (H, W, 3) unit shading normal in world space, as the surface has it (outwards); 0 where empty.
-    albedo : (H, W, 3) diffuse reflectance at equal energy, mean over 600–700, 500–600 and 400–500 nm; 0 for
-        metals, clear glass and where empty.
-    shape_index : (H, W) whole number, index of the shape in the scene file, from 0; −1 where empty.
-    flow_px : (H, W, 2) optical flow to the right and down [pixels]: how far the point moves while its row is open, by
-        the motion of the camera and of its own shape; the background is infinitely far. NaN where it ends behind the
-        camera. Beyond the film a measured distortion is that of the edge.
-    shapes : name of each shape, its id or its type and index.
+    depth_m : distance from the camera along its optical axis, shape (H, W); +inf for empty pixels.
+    position_m : in world space, shape (H, W, 3); NaN for empty pixels.
+    normal : outward unit shading normal in world space, shape (H, W, 3); 0 for empty pixels.
+    albedo : diffuse reflectance at equal energy, mean over 600–700, 500–600 and 400–500 nm, shape (H, W, 3); 0 for
+        metals, clear glass and empty pixels.
+    shape_index : index of the shape in the scene file, from 0, shape (H, W); −1 for empty pixels.
+    flow_px : optical flow to the right and down [pixels], shape (H, W, 2): displacement of the point while its row is
+        open, by the motion of the camera and of its shape; the background is infinitely far. NaN if the point ends
+        behind the camera. Outside of the film, the distortion of its edge applies.
+    shapes : name of each shape: its id, or its type and index.
     """
 
     depth_m: NDArray[np.float32]
@@ -75,12 +75,13 @@ def render_aovs(
     progress: RowProgress | None = None,
     **options: Unpack[SceneOptions],
 ) -> Aovs:
-    """The AOVs of a scene file, aligned with the frame that :func:`render.passes.prepared.render` makes of it.
+    """Return the AOVs of a scene, aligned with the frame of :func:`render.passes.prepared.render`.
 
-    exposure : for how long the shutter is open, which a motion needs.
-    progress : called with (rows done, rows in all), also once before the first.
-    In scalar variants rays are traced one by one: 0.3 ms per pixel with a motion, and 0.01 ms in LLVM.
-    Raises InputError.
+    exposure : required with a motion.
+    progress : called with (rows done, all rows), also before the first row.
+
+    Scalar variants trace rays individually: 0.3 ms per pixel with a motion, compared with 0.01 ms in LLVM. Raises
+    InputError.
     """
     camera = camera_of(camera)
     check_types(camera, Exposure(0.0) if exposure is None else exposure)
@@ -91,18 +92,16 @@ def render_aovs(
         )
     moved = read_motion(chosen["motion"])
     parsed = parse(scene, chosen).in_variant_for(camera)
-    metres, shutter = (
-        parsed.settings.metres(chosen["scene_unit"]),
-        shutter_of(camera, exposure or Exposure(0.0)),
-    )
+    unit_m = parsed.settings.metres(chosen["scene_unit"]) or 1.0
+    shutter = shutter_of(camera, exposure or Exposure(0.0))
     loaded = load_for_rays(parsed, camera, chosen["scene_unit"], chosen["width"])
-    return aovs_of(loaded, moved, metres or 1.0, shutter, progress)
+    return aovs_of(loaded, moved, unit_m, shutter, progress)
 
 
 def load_for_rays(
     scene: ParsedScene, camera: Camera, scene_unit: str | float | None, width: int | None
 ) -> Scene:
-    """The scene at rest with one band, which is enough where rays are traced and no light."""
+    """Return the scene at rest with one band, which is sufficient for tracing rays without light."""
     bands = choose_bands(camera, None, LONGEST_NM - SHORTEST_NM, "auto")
     return load_scene(scene, bands, {}, camera, scene_unit, width=width)
 
@@ -114,7 +113,7 @@ def aovs_of(
     shutter: Shutter,
     progress: RowProgress | None = None,
 ) -> Aovs:
-    """The AOVs of a scene that is loaded. unit_m : metres per scene unit."""
+    """Return the AOVs of a loaded scene.  unit_m : metres per scene unit."""
     with AnimatedTransforms(scene, motion, unit_m) as transforms:
         arrays = _trace(transforms, shutter, progress)
     arrays["depth_m"] *= np.float32(unit_m)
@@ -127,29 +126,21 @@ def aovs_of(
 def _trace(
     transforms: AnimatedTransforms, shutter: Shutter, progress: RowProgress | None = None
 ) -> dict[str, NDArray[np.float32]]:
-    """All arrays, strip by strip; row by row where the rows show the scene at different times."""
-    (columns, rows), (left, top) = (
-        transforms.scene.view.crop_size,
-        transforms.scene.view.crop_offset,
-    )
+    """Return all arrays, computed by strips, or by rows if the rows show the scene at different times."""
+    view = transforms.scene.view
+    (columns, rows), (left, top) = view.crop_size, view.crop_offset
     row_by_row = shutter.row_time_s > 0 and transforms.motion != Motion()
-    strips = (
-        [(r, r + 1) for r in range(rows)]
-        if row_by_row
-        else row_strips((columns, rows), SAMPLES_PER_RAY)
-    )
+    strips = row_strips((columns, rows), SAMPLES_PER_RAY)
+    if row_by_row:
+        strips = [(row, row + 1) for row in range(rows)]
     parts, report = [], progress or (lambda done, total: None)
     report(0, rows)
     for first, last in strips:
         start_s = float(shutter.start_s(first + top)) if row_by_row else shutter.begin_s
         transforms.set_time(start_s)
         grid = np.meshgrid(left + np.arange(columns) + 0.5, top + np.arange(first, last) + 0.5)
-        arrays = _trace_pixels(
-            transforms,
-            np.stack(grid, axis=-1).reshape(-1, 2),
-            start_s,
-            start_s + shutter.open_s,
-        )
+        pixels = np.stack(grid, axis=-1).reshape(-1, 2)
+        arrays = _trace_pixels(transforms, pixels, start_s, start_s + shutter.open_s)
         shape = (last - first, columns)
         parts.append(
             {k: v.astype(np.float32).reshape(*shape, *v.shape[1:]) for k, v in arrays.items()}
@@ -161,17 +152,18 @@ def _trace(
 def _trace_pixels(
     transforms: AnimatedTransforms, pixels: Float64Array, from_s: float, to_s: float
 ) -> dict[str, Float64Array | NDArray[np.intp]]:
-    """The arrays of Aovs at pixels (N, 2), flat."""
+    """Return the arrays of Aovs at pixels, shape (N, 2)."""
     camera, flow = transforms.camera_at(from_s), np.zeros_like(pixels)
     hits = first_hits(transforms.scene, camera, pixels, albedo=True)
     axis = camera[:3, 2] / np.linalg.norm(camera[:3, 2])
     if transforms.motion != Motion():
         flow = transforms.reproject(hits.points, hits.shape, pixels, from_s, to_s) - pixels
     depth = np.asarray(np.where(hits.found, (hits.position - camera[:3, 3]) @ axis, np.inf))
-    arrays = {
+    return {
         "depth_m": depth,
         "position_m": hits.position,
         "normal": hits.normal,
         "albedo": hits.albedo,
+        "shape_index": hits.shape,
+        "flow_px": flow,
     }
-    return {**arrays, "shape_index": hits.shape, "flow_px": flow}

@@ -1,7 +1,7 @@
 """Intersections of one ray per pixel with the scene, and projection of scene points onto pixels.
 
-The rays are sampled by the sensor itself at the centre of the pupil, so they include whatever lens the scene has.
-Scalar variants trace them one by one, LLVM and CUDA variants all at once.
+The sensor samples the rays at the centre of the pupil, so they include the lens. Scalar variants trace them
+individually, LLVM and CUDA variants all at once.
 """
 
 from __future__ import annotations
@@ -15,29 +15,24 @@ from numpy.typing import NDArray
 from ...core import Array, Float64Array
 from ...core.llvm import drjit
 from ..load.scene import Scene
-from ..variants import MitsubaObject, mitsuba
+from ..variants import MitsubaObject, evaluate, mitsuba
 
-RGB_NM = (
-    (600.0, 700.0),
-    (500.0, 600.0),
-    (400.0, 500.0),
-)  # thirds of the visible, about the sensor's red, green, blue
+RGB_NM = ((600.0, 700.0), (500.0, 600.0), (400.0, 500.0))
+"""Thirds of the visible range, approximately the red, green and blue of a sensor."""
 NEWTON_STEPS = 8  # of project
-CONVERGED_PX, LOST_PX = (
-    1e-3,
-    0.1,
-)  # of project; float32 rays are accurate to 1e-4 px over 1000 columns
+CONVERGED_PX = 1e-3  # largest last step; float32 rays are accurate to 1e-4 px over 1000 columns
+LOST_PX = 0.1  # points with larger last steps are not imaged
 NO_SHAPE = -1
 
 
 class SurfaceHits(NamedTuple):
-    """The first surfaces that N rays meet, glass and the shapes of emitters included.
+    """The first surfaces that N rays meet, including glass and the shapes of emitters.
 
-    found : (N,) whether there is a surface.  position : (N, 3) in scene units, NaN without a surface.
-    points : (N, 4) positions in homogeneous coordinates; without a surface the direction, with a last component of 0.
-    normal : (N, 3) shading normal as the surface has it (outwards; not turned to the camera).
-    shape : (N,) index in the order of the scene file, −1 without a surface.
-    albedo : (N, 3) diffuse reflectance, mean over 600–700, 500–600 and 400–500 nm; 0 for metals and clear glass.
+    found : True for a surface, shape (N,).  position : in scene units, shape (N, 3); NaN without a surface.
+    points : homogeneous positions, shape (N, 4); without a surface the direction, with a last component of 0.
+    normal : outward shading normal, not turned to the camera, shape (N, 3).
+    shape : index in the order of the scene file, shape (N,); −1 without a surface.
+    albedo : diffuse reflectance, mean over 600–700, 500–600 and 400–500 nm, shape (N, 3); 0 for metals and clear glass.
     """
 
     found: NDArray[np.bool_]
@@ -49,16 +44,16 @@ class SurfaceHits(NamedTuple):
 
 
 def camera_to_world(sensor: MitsubaObject) -> Float64Array:
-    """4×4 from the camera's frame (x left, y up, z forward) to the world, at the sensor's present pose."""
-    return np.array(mitsuba().traverse(sensor)["to_world"].matrix, dtype=np.float64).reshape(
-        4, 4
-    )
+    """Return the present pose of a sensor, shape (4, 4), from its frame (x left, y up, z forward) to the world."""
+    matrix = mitsuba().traverse(sensor)["to_world"].matrix
+    return np.array(matrix, dtype=np.float64).reshape(4, 4)
 
 
 def pixel_rays(scene: Scene, pixels: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Origins and directions, (N, 3), in the camera's frame; NaN where the lens passes no light to a pixel.
+    """Return origins and directions in the camera's frame, shape (N, 3) each; NaN for a pixel without light.
 
-    pixels : (N, 2) positions on the whole film, x to the right and y down; the first pixel's centre is (0.5, 0.5).
+    pixels : positions on the whole film, shape (N, 2), x to the right and y down; the first pixel's centre is (0.5,
+        0.5).
     """
     mi, film = mitsuba(), scene.sensor.film()
     size, offset = np.array(film.crop_size(), float), np.array(film.crop_offset(), float)
@@ -68,19 +63,20 @@ def pixel_rays(scene: Scene, pixels: Float64Array) -> tuple[Float64Array, Float6
         ray, _ = scene.sharp.sample_ray(0.0, 0.5, mi.Point2f(x, y), pupil_centre)
         return ray.o, ray.d, ray.maxt
 
-    origins, directions, maxt = _evaluate(sample_ray, positions)
+    origins, directions, maxt = evaluate(sample_ray, positions)
     to_camera = np.linalg.inv(camera_to_world(scene.sensor))
-    directions = np.where(
-        maxt.reshape(-1, 1) > 0, directions, np.nan
-    )  # 0 marks rays that a lens vignettes
+    # maxt is 0 for vignetted rays.
+    directions = np.where(maxt.reshape(-1, 1) > 0, directions, np.nan)
     return origins @ to_camera[:3, :3].T + to_camera[:3, 3], directions @ to_camera[:3, :3].T
 
 
 def first_hits(
     scene: Scene, camera: Float64Array, pixels: Float64Array, albedo: bool = False
 ) -> SurfaceHits:
-    """First surfaces along the rays of pixels (N, 2), at the scene's present pose and with ``camera``, 4×4, as that of
-    the camera; none where the lens passes no light.  albedo : False leaves it at 0."""
+    """Return the first surfaces along the rays of pixels, shape (N, 2), at the present pose of the scene.
+
+    camera : pose of the camera, shape (4, 4).  albedo : False leaves the albedo at 0.
+    """
     mi, (origins, directions) = mitsuba(), pixel_rays(scene, pixels)
     handle_of, index_of_handle = _shape_numbering(list(scene.mitsuba_scene.shapes()))
 
@@ -98,7 +94,7 @@ def first_hits(
         origins @ camera[:3, :3].T + camera[:3, 3],
         np.where(finite[:, None], unit, (0.0, 0.0, 1.0)),
     )
-    valid, position, normal, handles, *colour = _evaluate(
+    valid, position, normal, handles, *colour = evaluate(
         first_surface, np.concatenate([starts, ahead], axis=1)
     )
     found = valid.astype(bool).ravel() & finite
@@ -117,10 +113,13 @@ def first_hits(
 
 
 def project(scene: Scene, points: Float64Array, guess: Float64Array) -> Float64Array:
-    """Positions on the film (N, 2) [pixels] of points in the camera's frame; NaN where a point is not imaged.
+    """Return the positions on the film [pixels] of points in the camera's frame, shape (N, 2); NaN for points that are
+    not imaged.
 
-    points : (N, 4) homogeneous; a last component of 0 is a direction, infinitely far.  guess : (N, 2) first estimate.
-    Newton's method on the sensor's own rays; one step for a pinhole or thin lens, whose film is flat.
+    points : homogeneous, shape (N, 4); a last component of 0 is a direction, infinitely far.
+    guess : first estimate, shape (N, 2).
+
+    Newton's method on the rays of the sensor; a pinhole or thin lens with a flat film needs one step.
     """
     pixels, ahead = np.array(guess, dtype=float), points[:, 2] > 0
     pixels[~ahead] = np.nan
@@ -133,14 +132,10 @@ def project(scene: Scene, points: Float64Array, guess: Float64Array) -> Float64A
             x, y = (
                 _miss(scene, points[rest], pixels[rest] + side) - miss for side in np.eye(2)
             )
-            with np.errstate(
-                divide="ignore", invalid="ignore"
-            ):  # not finite where there is no inverse
+            adjugate = np.array([[y[:, 1], -y[:, 0]], [-x[:, 1], x[:, 0]]]).transpose(2, 0, 1)
+            with np.errstate(divide="ignore", invalid="ignore"):  # of singular matrices
                 scale = 1 / (x[:, 0] * y[:, 1] - y[:, 0] * x[:, 1])
-                inverse = np.array([[y[:, 1], -y[:, 0]], [-x[:, 1], x[:, 0]]]).transpose(
-                    2, 0, 1
-                )
-                slope = inverse * scale[:, None, None]
+                slope = adjugate * scale[:, None, None]
         step = np.einsum("nij,nj->ni", slope, miss)
         pixels[rest] -= step
         far = np.asarray(np.abs(step).max(axis=1) > CONVERGED_PX)
@@ -150,44 +145,25 @@ def project(scene: Scene, points: Float64Array, guess: Float64Array) -> Float64A
 
 
 def _miss(scene: Scene, points: Float64Array, pixels: Float64Array) -> Float64Array:
-    """(N, 2) transverse distance of the rays of the pixels from the points, in the plane of each point."""
+    """Return the transverse distance of the rays of pixels from points, in the plane of each point, shape (N, 2)."""
     origins, directions = pixel_rays(scene, pixels)
     along = (points[:, 2] - points[:, 3] * origins[:, 2]) / directions[:, 2]
     passed = points[:, 3:] * origins[:, :2] + along[:, None] * directions[:, :2]
     return passed - points[:, :2]
 
 
-def _evaluate(
-    function: Callable[..., tuple[Array, ...]], inputs: Float64Array
-) -> list[Float64Array]:
-    """Outputs, (N, …), of a function of Mitsuba's numbers at (N, k) inputs: all at once, or one by one in scalar."""
-    mi = mitsuba()
-    if not mi.variant().startswith("scalar"):
-        # Made from lists the arrays are aligned; NumPy's may not be, and each alignment compiles a kernel (0.7 s).
-        outputs = function(*(mi.Float(column.tolist()) for column in inputs.T))
-        drjit().eval(outputs)
-        arrays = [np.atleast_1d(np.array(out, dtype=np.float64).T) for out in outputs]
-        return [
-            np.broadcast_to(x, (len(inputs), *x.shape[1:])) for x in arrays
-        ]  # of parallel rays there is one only
-    rows = [
-        [np.array(out, dtype=np.float64) for out in function(*row)] for row in inputs.tolist()
-    ]
-    return [np.array(column) for column in zip(*rows, strict=True)]
-
-
 def _shape_numbering(
     shapes: list[MitsubaObject],
 ) -> tuple[Callable[[MitsubaObject], Array], NDArray[np.intp]]:
-    """The handle of an intersection's shape, or of its instance; the index in the scene of each handle, 0 for none."""
-    mi = mitsuba()
+    """Return a function that gives the handle of the shape, or instance, of an intersection (0 without), and the index
+    in the scene of each handle."""
+    mi, dr = mitsuba(), drjit()
     if mi.variant().startswith("scalar"):
         handles = {shape: k + 1 for k, shape in enumerate(shapes)}
         return (
             lambda hit: handles[hit.instance or hit.shape] if hit.is_valid() else 0,
             np.arange(len(shapes) + 1) - 1,
         )
-    dr = drjit()
 
     def handle(hit: MitsubaObject) -> Array:
         instance = dr.reinterpret_array(mi.UInt32, hit.instance)
@@ -203,12 +179,12 @@ def _shape_numbering(
 
 
 def _albedo(hit: MitsubaObject) -> tuple[Array, ...]:
-    """Diffuse reflectance in three bands, each the mean of the centres of its four quarters; 0 without a diffuse part,
-    where Mitsuba would give the value of the lobe, which may be far above 1."""
-    mi, valid = mitsuba(), hit.is_valid()
+    """Return the diffuse reflectance in three bands, each the mean of the centres of its four quarters; 0 without a
+    diffuse component, for which Mitsuba would return the value of the lobe, possibly far above 1."""
+    mi, dr, valid = mitsuba(), drjit(), hit.is_valid()
     if valid is False:  # a scalar ray without a surface, which has no material
         return (0.0, 0.0, 0.0)
-    bsdf, scalar, colour = hit.bsdf(), valid is True, []
+    bsdf, colour = hit.bsdf(), []
     diffuse = mi.has_flag(bsdf.flags(), mi.BSDFFlags.Diffuse)
     for low, high in RGB_NM:
         hit.wavelengths = mi.UnpolarizedSpectrum(
@@ -216,9 +192,5 @@ def _albedo(hit: MitsubaObject) -> tuple[Array, ...]:
         )
         quarters = mi.unpolarized_spectrum(bsdf.eval_diffuse_reflectance(hit, valid))
         mean = (quarters[0] + quarters[1] + quarters[2] + quarters[3]) / 4
-        colour.append(
-            min(mean, 1.0) * diffuse
-            if scalar
-            else drjit().select(diffuse, drjit().minimum(mean, 1.0), 0.0)
-        )
+        colour.append(dr.select(diffuse, dr.minimum(mean, 1.0), 0.0))
     return tuple(colour)

@@ -1,4 +1,4 @@
-"""Renders the light groups of a scene one after the other, with equal shares of the samples, and adds them up."""
+"""Render of the light groups of a scene, one after the other with equal samples, and their sum."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def render_light_groups(
     progress: Progress | None,
     began: float,
 ) -> Irradiance:
-    """Return all groups of a prepared scene, and their sum.  began : on the monotonic clock [s]."""
+    """Return the sum of all light groups, which contains the groups.  began : start on the monotonic clock [s]."""
     lights, part = dict[str, Irradiance](), stop.shared(len(whole.light_groups))
 
     def tell(name: str, step: RenderProgress) -> None:
@@ -43,10 +43,10 @@ def render_light_groups(
 
     for group in whole.light_groups:
         name = group.name
-        # No other group has this seed: the noise of two groups is independent.
-        own_seed = hashed_seed(seed, 0, int.from_bytes(name.encode(), "little"))
-        one = whole.of_light_group(group)
-        lights[name] = one.render(own_seed, part, partial(tell, name))
+        # Each group has a different seed, so the noise of two groups is independent.
+        group_seed = hashed_seed(seed, 0, int.from_bytes(name.encode(), "little"))
+        render = whole.of_light_group(group)
+        lights[name] = render.render(group_seed, part, partial(tell, name))
     total = sum_of_groups(lights)
     if not total.data.any():
         refuse_black(whole.bands.ends_nm, total.statistics.non_finite, whole.at_rest.findings)
@@ -63,12 +63,10 @@ def _statistics(
     stop: StopCriterion,
     seconds: float,
 ) -> RenderStatistics:
-    """How the sum came about: samples and seconds of all groups, noise of their sum."""
+    """Return the statistics of the sum: samples and seconds of all groups, noise of their sum."""
     parts = [light.statistics for light in lights.values()]
-    samples, passes = (
-        sum(part.samples_per_pixel for part in parts),
-        min(x.passes for x in parts),
-    )
+    samples = sum(part.samples_per_pixel for part in parts)
+    passes = min(part.passes for part in parts)
     sample_s = sum(part.seconds_per_sample * part.samples_per_pixel for part in parts)
     mean_e = mean_electrons(total, whole.camera, whole.exposure)
     lit = (mean_e > 0) & np.isfinite(mean_e)
@@ -89,16 +87,16 @@ def _statistics(
             "raw_noise_ratio_median": before["noise_ratio_median"],
             "raw_noise_ratio_p95": before["noise_ratio_p95"],
         }
-    known = [*whole.scene.notes, *map(half_note, PHOTODIODES)]
+    common = [*whole.scene.notes, *map(half_note, PHOTODIODES)]
     notes = {
-        name: [note for note in light.notes if note not in known]
+        name: [note for note in light.notes if note not in common]
         for name, light in lights.items()
     }
     more = []
     if stop.asked is not None and stop.asked != samples:
         more.append(
-            f"{stop.asked} samples per pixel asked for, {samples} taken by {len(parts)} light groups together: each "
-            f"has {PASSES_MIN} or more, in passes of a full grid"
+            f"took {samples} samples per pixel in {len(parts)} light groups together instead of {stop.asked}, because "
+            f"each group takes equal passes and at least {PASSES_MIN} samples"
         )
     return replace(
         parts[0],

@@ -1,4 +1,4 @@
-"""A loaded scene with its camera and bands: what its passes become, light with error bars, statistics and notes."""
+"""Light of a loaded scene from the sums of its passes: error bars, denoising, statistics and notes."""
 
 from __future__ import annotations
 
@@ -48,24 +48,21 @@ from ..scene.motion import Motion
 from ..scene.parsed_scene import ParsedScene
 from ..variants import mitsuba
 from .passes import Electrons, Passes
-from .stop_criterion import (
-    End,
-    StopCriterion,
-)
+from .stop_criterion import End, StopCriterion
 
 GUIDE_SEED = 1
 
 
 @dataclass(frozen=True, eq=False)
 class LoadedRender:
-    """A loaded scene, its camera and bands, and what passes over it become.
+    """A loaded scene with its camera and bands, and the light of its passes.
 
-    metering : how the exposure is found, or was; None where it was given.  metered : whether it is known; otherwise it
-        is one second, and each light has its own (``exposure_of``).
-    light_groups : that are rendered apart; none: all light together.  groups : of how many it is one, which may be
-        black; 0 where it is the whole.
-    one_exposure : whether it is of one exposure alone, also where read-outs of the camera follow each other.
-    group_scenes, waveforms : of the groups where something moves, by name; the scenes for later frames.
+    metering : how the exposure is found; None if it was given.  metered : True if it is known. Otherwise it is one
+        second, and each light has its own (``exposure_of``).
+    light_groups : rendered separately; empty if all light is rendered together.  groups : number of light groups of
+        which this is one, which may be black; 0 for all light.
+    one_exposure : True if only one exposure is rendered, even if the camera's readouts follow each other.
+    group_scenes, waveforms : by name of the group, if something moves; the scenes serve later frames.
     """
 
     parsed: ParsedScene
@@ -90,7 +87,7 @@ class LoadedRender:
 
     @property
     def begin_s(self) -> float:
-        """When the frame begins, in the time of the motion [s]."""
+        """Start of the frame on the time axis of the motion [s]."""
         return 0.0 if isinstance(self.scene, Scene) else self.scene.begin_s
 
     @property
@@ -103,7 +100,7 @@ class LoadedRender:
         return solid_angle_sr(self.scene.view, self.camera)
 
     def noise_ratio(self, exposure: Exposure, light: Electrons) -> Float64Array:
-        """Render variance over sensor variance of each pixel.  light : in the exposure of the render."""
+        """Return the render variance over the sensor variance, (H, W).  light : for the exposure of the render."""
         longer = exposure.time_s / self.exposure.time_s if self.exposure.time_s else 1.0
         noise = input_noise(self.camera, exposure)
         return noise.ratio(light[0] * longer, light[1] * longer**2)
@@ -111,12 +108,12 @@ class LoadedRender:
     def _noise_ratios(
         self, exposure: Exposure, light: Electrons, passes: Passes, count: int
     ) -> NoiseRatios:
-        """Noise ratios of the lit pixels.  count : of the passes that measured the variance, many if pooled."""
+        """Return the noise ratios of the lit pixels.  count : passes that measured the variance; many if pooled."""
         lit = (light[0] > 0) & ~passes.infinite
         return summary_of(self.noise_ratio(exposure, light), lit, count)
 
-    def _behind_glare(self, light: Electrons) -> Electrons:
-        """Photoelectrons behind the veiling glare of the lens."""
+    def _with_glare(self, light: Electrons) -> Electrons:
+        """Return the photoelectrons after the veiling glare of the lens."""
         glare = veiling_glare_of(self.camera, self.scene.view)
         if glare is None:
             return light
@@ -124,11 +121,13 @@ class LoadedRender:
         return glare.of_electrons(*light, self.camera.filter_index(light[0].shape, origin))
 
     def _is_to_be_denoised(self, passes: Passes, before: NoiseRatios) -> bool:
-        """Whether that was asked for, or nobody said otherwise and the render ends above the sensor's noise; never of
-        few passes or pixels, nor where no camera sees the noise."""
+        """Return True if denoising was requested, or was not ruled out and the render ends above the sensor's noise.
+
+        Few passes or pixels, and noise that no camera sees, are never denoised.
+        """
         asked = self.options["denoise"]
         if asked is None:
-            asked = is_installed() and before["noise_ratio_p95"] * max(self.groups, 1) > 1
+            asked = before["noise_ratio_p95"] * max(self.groups, 1) > 1 and is_installed()
         periods = self.camera.sensor.polarizer_periods
         enough = passes.infinite.size >= PIXELS_MIN * np.prod(periods)
         return bool(
@@ -136,7 +135,7 @@ class LoadedRender:
         )
 
     def _denoised(self, passes: Passes) -> Denoised:
-        """The photoelectrons behind each filter, denoised; guided by rays where they are not traced in Python."""
+        """Return the denoised photoelectrons of each filter, guided by traced rays except in scalar variants."""
         height, guides = self.scene.view.crop_size[1], None
         if not mitsuba().variant().startswith("scalar"):
             weights = electrons_per_irradiance(self.camera, self.exposure, self.bands)
@@ -157,8 +156,7 @@ class LoadedRender:
                 values = self.scene.averaged(make, GUIDE_SEED, (0, height))
             guides = Guides(values[..., :-3], values[..., -3:])
         trim_heap()
-        factor = (passes.per_radiance * passes.unit).astype(np.float32)[..., None]
-        variance = passes.filters.variance(passes.count) * factor * factor
+        variance = passes.filters.variance(passes.count) * passes.factor**2
         share = ((passes.count + 1) // 2) / passes.count
         periods = self.camera.sensor.polarizer_periods
         return denoise(passes.halves(), variance, share, guides, periods)
@@ -171,33 +169,23 @@ class LoadedRender:
         statistics: RenderStatistics,
         keep: bool = False,
     ) -> Irradiance:
-        """The irradiance of the passes.  keep : whether their sums are needed afterwards."""
+        """Return the irradiance of the passes.  keep : True if their sums are needed afterwards."""
         before, infinite = passes.electrons(), passes.infinite
         weights = electrons_per_irradiance(self.camera, self.exposure, self.bands)
-        of_passes: Electrons = before[0], np.asarray(pooled(before[0], before[1], passes.count))
-        of_filters = None
-        if denoised is not None:
-            factor = (passes.per_radiance * passes.unit).astype(np.float32)[..., None]
-            of_filters = passes.filters.mean * factor
+        light: Electrons = before[0], np.asarray(pooled(before[0], before[1], passes.count))
+        of_filters = None if denoised is None else passes.filters.mean * passes.factor
         data, error = raw_bands(passes, self.bands, self._solid_angle, keep)
-        light = of_passes
         if denoised is not None and of_filters is not None:
-            light = (
-                passes.own(denoised.mean),
-                np.asarray(passes.own(denoised.variance), np.float64),
-            )
+            error_before = relative_errors(*light, infinite)
+            light = _own_electrons(passes, denoised)
             gain = np.divide(
                 light[0], before[0], out=np.zeros_like(before[0]), where=before[0] > 0
             )
-            before_error, error_now = (
-                relative_errors(mean, variance, infinite)
-                for mean, variance in (of_passes, light)
-            )
-            relative = gain, before_error, error_now
+            relative = gain, error_before, relative_errors(*light, infinite)
             agree_with_filters(data, error, weights, of_filters, denoised, relative)
         glare = veiling_glare_of(self.camera, self.scene.view)
         if glare is not None:
-            light = self._behind_glare(light)
+            light = self._with_glare(light)
             if denoised is None:
                 light = light[0], np.asarray(pooled(raw[0], raw[1], passes.count), np.float64)
             glare.add_to_bands(data, error)
@@ -227,7 +215,7 @@ class LoadedRender:
         denoised: Denoised | None,
         began: float,
     ) -> Irradiance:
-        """The light with what it was rendered for, its noise in this exposure, brightness and notes."""
+        """Return the light with its origin, its noise in this exposure, brightness and notes."""
         ratios, record = self._noise_ratios(exposure, raw, passes, passes.count), None
         if denoised is not None:
             record = {
@@ -236,8 +224,8 @@ class LoadedRender:
                 "raw_noise_ratio_median": ratios["noise_ratio_median"],
                 "raw_noise_ratio_p95": ratios["noise_ratio_p95"],
             }
-            found = passes.own(denoised.mean), passes.own(denoised.variance)
-            ratios = self._noise_ratios(exposure, self._behind_glare(found), passes, POOLED)
+            smooth = self._with_glare(_own_electrons(passes, denoised))
+            ratios = self._noise_ratios(exposure, smooth, passes, POOLED)
         statistics = replace(
             light.statistics,
             seconds=time.monotonic() - began,
@@ -245,21 +233,23 @@ class LoadedRender:
             metering=None if self.metering is None else self.metering.record(exposure),
             **ratios,
         )
-        known = rendered_for(self.at_rest, self.camera, exposure, self.parsed.serial(None))
-        light = replace(light, statistics=statistics, rendered_for=known)
+        origin = rendered_for(self.at_rest, self.camera, exposure, self.parsed.serial(None))
+        light = replace(light, statistics=statistics, rendered_for=origin)
+        if self.groups:  # notes on their sum follow
+            return light
         light = with_notes_of_shares(light, self.camera, self.at_rest.findings)
-        return light if self.groups else with_brightness(light, self)
+        return with_brightness(light, self)
 
     def _statistics(
         self, passes: Passes, stop: StopCriterion, end: End, ratios: NoiseRatios, raw: Electrons
     ) -> RenderStatistics:
-        """How a render came about, before it is denoised and metered."""
+        """Return the statistics of a render before it is denoised and metered."""
         samples, fireflies = passes.count * passes.samples, passes.firefly_fraction()
         doubt = why_not_trusted(passes.count, fireflies, passes.lost)
         notes = [*self.scene.notes]
         if self.parsed.settings.is_default_camera:
             notes.append(
-                f"rendered for {self.camera.name}, because no camera was given and the scene names none (--camera)"
+                f"rendered for {self.camera.name}, because neither you nor the scene named a camera (camera=)"
             )
         notes += self.parsed.settings.unused_note(self.camera)
         if self.camera.lens.veiling_glare > 0:
@@ -292,7 +282,9 @@ class LoadedRender:
             negative=passes.negative,
             non_finite=passes.non_finite,
             notes=tuple(notes),
-            facts=tuple(str(one) for one in self.at_rest.findings if one.level == "fact"),
+            facts=tuple(
+                str(finding) for finding in self.at_rest.findings if finding.level == "fact"
+            ),
             scene_sha256=self.scene.sha256,
             aperture_f_number=aperture_f_number(view, self.camera),
             intrinsics=image_record(view, self.camera),
@@ -303,30 +295,35 @@ class LoadedRender:
 
 
 BANDS_AT_ONCE = 4
-VALUES_AT_ONCE = 2**18  # pixels × bands: 2 MiB for each array in between
-SLOPE_MIN = 1e-6  # of the largest: filters that are nearly equal cannot be told apart
+VALUES_AT_ONCE = 2**18  # pixels × bands: 2 MiB for each intermediate array
+SLOPE_MIN = 1e-6  # of the trace: filters that are nearly equal cannot be distinguished
 
 Float32Bands = NDArray[np.float32]
+
+
+def _own_electrons(passes: Passes, denoised: Denoised) -> Electrons:
+    """Return the denoised photoelectrons and their variance for each pixel's own filter, shape (H, W) each."""
+    mean, variance = (passes.of_own_filter(x) for x in (denoised.mean, denoised.variance))
+    return mean, variance
 
 
 def raw_bands(
     passes: Passes, bands: Bands, solid_angle_sr: Float64Array, keep: bool
 ) -> tuple[Float32Bands, Float32Bands]:
-    """Return the irradiance of each band as the passes have it, and its standard errors, (H, W, B) each.
+    """Return the undenoised irradiance of each band and its standard errors, shape (H, W, B) each.
 
-    keep : whether the sums of the passes are needed afterwards; otherwise they are written over, to save memory.
+    keep : True if the sums of the passes are needed afterwards. Otherwise they are overwritten, to save memory.
     """
     sums = passes.bands if bands.first_filter else passes.filters
     data, error = (sums.mean.copy(), sums.squares.copy()) if keep else (sums.mean, sums.squares)
     of_mean = max(passes.count * (passes.count - 1), 1)
     for first in range(0, len(bands), BANDS_AT_ONCE):
-        part = slice(first, min(first + BANDS_AT_ONCE, len(bands)))
-        scale = (solid_angle_sr[..., None] * (passes.unit * bands.scale[part])).astype(
-            np.float32
-        )
-        mean, squares = np.maximum(data[..., part], 0), error[..., part]
+        block = slice(first, min(first + BANDS_AT_ONCE, len(bands)))
+        scale = solid_angle_sr[..., None] * (passes.unit * bands.scale[block])
+        scale = scale.astype(np.float32)
+        mean, squares = np.maximum(data[..., block], 0), error[..., block]
         variance = pooled(mean, squares / np.float32(of_mean), passes.count)
-        data[..., part], error[..., part] = mean * scale, np.sqrt(variance) * scale
+        data[..., block], error[..., block] = mean * scale, np.sqrt(variance) * scale
     return data, error
 
 
@@ -338,11 +335,11 @@ def agree_with_filters(
     denoised: Denoised,
     relative: tuple[NDArray[np.floating], NDArray[np.floating], NDArray[np.floating]],
 ) -> None:
-    """Scale bands and their standard errors, (H, W, B), until each filter detects the denoised photoelectrons.
+    """Scale bands and standard errors, shape (H, W, B), in place: each filter detects the denoised photoelectrons.
 
-    weights : (F, B) photoelectrons of 1 W m⁻² nm⁻¹ in each band.  raw : (H, W, F) photoelectrons of the passes.
-    relative : (H, W) denoised photoelectrons over the raw ones, and the relative standard errors of both. A band's own
-    error is what it has beyond that of the photoelectrons.
+    weights : (F, B) photoelectrons for 1 W m⁻² nm⁻¹ in each band.  raw : (H, W, F) photoelectrons of the passes.
+    relative : (H, W) denoised over raw photoelectrons, and the relative standard errors of raw and denoised ones. The
+    error of a band beyond the error of the raw photoelectrons is its own, and denoising does not remove it.
     """
     spectrum = data.mean(axis=(0, 1), dtype=np.float64)
     step = max(VALUES_AT_ONCE // max(data[0].size, 1), 1)
@@ -364,11 +361,12 @@ def bands_of_filters(
     electrons: NDArray[np.floating],
     spectrum: Float64Array,
 ) -> Float64Array:
-    """Return the bands (H, W, B), scaled smoothly over wavelength until every filter detects ``electrons`` (H, W, F).
+    """Return the bands, shape (H, W, B), scaled smoothly over wavelength so that each filter detects ``electrons``
+    (H, W, F).
 
-    All bands are scaled by the ratio of all electrons; what is then missing behind single filters changes each band by
-    the factor 1 + Σ λ_g s_g, s_g the filter's own response with a peak of 1; never negative.
-    spectrum : (B,), which a pixel without light has.
+    All bands are scaled by the ratio of the sums of electrons. A band's second factor, 1 + Σ λ_g s_g with the response
+    s_g of filter g and a peak of 1, corrects the single filters; it is never negative.
+    spectrum : (B,) of pixels without light.
     """
     before = (bands @ weights.T).sum(axis=-1)
     dark = ~(before > 0)
@@ -391,11 +389,11 @@ def bands_of_filters(
 def in_band_of(
     passes: Passes, electrons: Float64Array, data: Float32Bands, weights: Float64Array
 ) -> NDArray[np.float32]:
-    """Return photoelectrons (H, W) over those of spectra that are flat within each band."""
+    """Return the photoelectrons over those of spectra that are flat within each band, shape (H, W)."""
     factor = np.empty(electrons.shape, np.float32)
     step = max(VALUES_AT_ONCE // max(data[0].size, 1), 1)
     for first in range(0, len(data), step):
         rows = slice(first, first + step)
-        flat = passes.own(data[rows] @ weights.T, first)
+        flat = passes.of_own_filter(data[rows] @ weights.T, first)
         factor[rows] = in_band_factor(electrons[rows], flat)
     return factor

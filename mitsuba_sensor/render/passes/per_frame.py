@@ -1,4 +1,4 @@
-"""Renders for frames that each have one of their own, so that the noise of the renders is that of the frames."""
+"""A render for every frame, so that render noise differs from frame to frame."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .stop_criterion import Progress, RenderProgress
 
 @dataclass(frozen=True, eq=False)
 class FrameSeries:
-    """A loaded scene that is rendered anew for every frame.  sensor : the exposure of one frame.  count : of frames."""
+    """Loaded scene with a render for every frame.  sensor : exposure of one frame.  count : number of frames."""
 
     prepared: PreparedRender
     sensor: PreparedExposure
@@ -40,15 +40,15 @@ class FrameSeries:
         exposure: AskedExposure | None,
         options: FrameSeriesOptions,
     ) -> FrameSeries:
-        """Check everything that was asked for, and load the scene. Raises InputError."""
+        """Check the options and load the scene. Raises InputError."""
         if options["denoise"]:
             raise InputError(
-                "denoise and a render for every frame exclude each other: what a denoiser leaves of the noise is alike "
-                "in neighbouring pixels; leave one of them out."
+                "denoise and render_noise='per-frame' exclude each other, because denoising correlates the noise of "
+                "neighbouring pixels; omit one of them."
             )
         if FrameTimes.of(options).period_s is not None:
             raise InputError(
-                "a render for every frame is of one instant, and fps is given; leave one of them out."
+                "render_noise='per-frame' renders one instant, but fps is given; omit one of them."
             )
         numbers = options["frames"], options["first_frame"], first_given(options["seed"], 1)
         check_numbers(*numbers)
@@ -56,8 +56,7 @@ class FrameSeries:
         prepared = prepare(scene, camera, exposure, usual="channels", **rendering)
         if prepared.camera.sensor.dual_pixel:
             raise InputError(
-                f"{prepared.camera.name} has dual pixels, whose halves of the pupil are rendered once; leave "
-                "render_noise out."
+                f"{prepared.camera.name} has dual pixels, whose half-pupil light is rendered once; omit render_noise."
             )
         prepared = prepared.metered_first()
         sensor = prepared.sensor({**part_of(ExposeOptions, options), "frames": 1})
@@ -66,7 +65,7 @@ class FrameSeries:
     def renders(
         self, progress: Progress | None = None
     ) -> Iterator[tuple[PreparedExposure, Irradiance, Photons]]:
-        """Yield the exposure of each frame, its light and its photons."""
+        """Yield exposure, light and photons of each frame."""
         sensor, prepared = self.sensor, self.prepared
         stop = prepared.stop_criterion(prepared.options)
         for number in range(sensor.first.index, sensor.first.index + self.count):

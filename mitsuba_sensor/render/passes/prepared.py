@@ -1,4 +1,4 @@
-"""A scene, parsed once and loaded once, and its renders: passes → spectral irradiance and render statistics."""
+"""Render of a scene that is parsed once and loaded once: passes → spectral irradiance and render statistics."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ from .stop_criterion import (
     told_progress,
 )
 
-METERING_SPP = 32  # of the render that is metered where the exposure must be known before
-BRIGHTNESS_SPP = 64  # of the render that finds the scale of the light
+METERING_SPP = 32  # of the short render that meters an exposure which must be known in advance
+BRIGHTNESS_SPP = 64  # of the short render that finds the scale of the light
 
 
 @documents(RenderOptions)
@@ -66,20 +66,20 @@ def render(
     progress: Progress | bool | None = None,
     **options: Unpack[RenderOptions],
 ) -> Irradiance:
-    """Render a scene file into the irradiance on this camera's focal plane.
+    """Render a scene into the irradiance on this camera's focal plane.
 
     ::
 
         light = ms.render("cornell_box", "konnik_table1", ms.Exposure(0.1), width=64)
         frames = ms.expose(light, frames=16)
 
-    camera, exposure, seed : what is not given is read from the scene's <film type="photosensor">, and so are the
-        options wavelength_nm, bandwidth_nm and spectral. A camera that is given brings its own lens; a note says so
-        where the scene's <sensor type="camera"> has another, or where nobody names one and konnik_table1 is taken.
-        An exposure of "auto", or none anywhere, is metered: ``statistics.metering`` has what was found.
-    progress : None says every ten seconds on stderr how far it is; False says nothing; a
-        function is called with a :class:`render.passes.stop_criterion.RenderProgress`, also before the first pass.
-    Raises InputError for anything wrong with the arguments or the scene. Ctrl-C is obeyed between passes.
+    camera, exposure, seed : defaults are those of the scene's <film type="photosensor">, as for the options
+        wavelength_nm, bandwidth_nm and spectral. A camera brings its own lens; a note reports if the scene's
+        <sensor type="camera"> has another lens, or if neither names a camera and konnik_table1 is used. An exposure of
+        "auto", or no exposure, is metered: ``statistics.metering`` has the result.
+    progress : None writes the state to stderr every ten seconds, False writes nothing. A function is called with a
+        :class:`render.passes.stop_criterion.RenderProgress`, also before the first pass.
+    Raises InputError for invalid arguments or scenes. Ctrl-C takes effect between passes.
     """
     started = time.monotonic()
     with told_progress(progress, "render", {}) as tell:
@@ -92,14 +92,14 @@ def render(
 
 @dataclass(frozen=True, eq=False)
 class PreparedRender(LoadedRender):
-    """A loaded scene that can be rendered for one camera and exposure as often as asked."""
+    """Loaded scene that can be rendered repeatedly for one camera and exposure."""
 
     def seed(self, given: int | None) -> int:
-        """The seed that was given, else the scene file's, else 1, as this sensor has it. Raises InputError."""
+        """Return the given seed, else the seed of the scene file, else 1, for this sensor. Raises InputError."""
         return self.parsed.seed(given)
 
     def stop_criterion(self, options: RenderOptions) -> StopCriterion:
-        """When a render of these bands is good enough."""
+        """Return the stop criterion for a render of these bands."""
         return stop_criterion_of(options, len(self.bands.groups))
 
     def render(
@@ -110,7 +110,7 @@ class PreparedRender(LoadedRender):
         *,
         started: float | None = None,
     ) -> Irradiance:
-        """Return the light of one render.  started : when it began, on the monotonic clock [s]."""
+        """Return the light of one render.  started : start on the monotonic clock [s]."""
         began = time.monotonic() if started is None else started
         later = later_exposures(self.camera, self.exposure, self.begin_s)
         if later and isinstance(self.scene, MovingScene) and not self.one_exposure:
@@ -119,7 +119,7 @@ class PreparedRender(LoadedRender):
             return render_light_groups(self, seed, stop, progress, began)
         tell = progress or (lambda step: None)
         passes, end, sample_s = self._passes(seed, stop, tell)
-        raw = self._behind_glare(passes.electrons())
+        raw = self._with_glare(passes.electrons())
         exposure = self._exposure_for(raw[0])
         before = self._noise_ratios(exposure, raw, passes, passes.count)
         denoised = None
@@ -147,8 +147,8 @@ class PreparedRender(LoadedRender):
     def _passes(
         self, seed: int, stop: StopCriterion, tell: Progress
     ) -> tuple[Passes, End, float]:
-        """Render until nothing more is asked for; return the passes, why they end, and the seconds of one sample in
-        every pixel, without the first pass, which compiles."""
+        """Render until ``stop``; return the passes, the reason for the end, and the seconds of one sample in all pixels
+        (without the first pass, which compiles)."""
         view, scene = self.scene.view, self.scene
         electrons = float(
             photons_per_irradiance(
@@ -172,12 +172,8 @@ class PreparedRender(LoadedRender):
             passes.count += 1
             for number, rows in enumerate(strips):
                 if number:
-                    done = (passes.count - 1) * len(strips) + number
-                    tell(
-                        RenderProgress(
-                            done, most * len(strips), ratio, time.monotonic() - began
-                        )
-                    )
+                    done, seconds = (passes.count - 1) * len(strips), time.monotonic() - began
+                    tell(RenderProgress(done + number, most * len(strips), ratio, seconds))
                 pass_seed = hashed_seed(seed, number, passes.count - 1)
                 radiance = radiance_of(scene, self.bands, groups, pass_seed, stop.samples, rows)
                 passes.add(radiance, rows[0])
@@ -193,15 +189,15 @@ class PreparedRender(LoadedRender):
         return passes, end, sample_s
 
     def _ratio_reached(self, passes: Passes, percentile: float) -> float:
-        """The noise ratio that so many percent of the lit pixels stay below; infinite where none is lit yet."""
-        light = self._behind_glare(passes.electrons())
+        """Return the percentile of the noise ratio of the lit pixels; infinite if no pixel is lit yet."""
+        light = self._with_glare(passes.electrons())
         ratios = self._noise_ratios(self._exposure_for(light[0]), light, passes, passes.count)
         if not light[0].any():
             return np.inf
         return ratios["noise_ratio_median" if percentile == 50 else "noise_ratio_p95"]
 
     def _exposure_for(self, mean_e: Float64Array) -> Exposure:
-        """The exposure of light that has so many photoelectrons in that of the render."""
+        """Return the exposure of light with ``mean_e`` photoelectrons in the exposure of the render."""
         lit_e = mean_e[(mean_e > 0) & np.isfinite(mean_e)]
         if self.metering is None or self.metered or not lit_e.size:
             return self.exposure
@@ -216,21 +212,22 @@ class PreparedRender(LoadedRender):
         progress: Progress | None,
         began: float,
     ) -> Irradiance:
-        """The light of the first exposure of a frame of a camera whose read-outs follow each other, which knows that of
-        the later ones; each has as many samples."""
+        """Return the light of the first exposure of a camera whose readouts follow each other, with the light of the
+        later exposures in ``later``; each exposure takes the same number of samples."""
         first, lights = replace(self, one_exposure=True), dict[str, Irradiance]()
         assert isinstance(self.scene, MovingScene)
         light = first.render(seed, stop, progress, started=began)
         for number, (name, (exposure, begin_s)) in enumerate(later.items()):
-            one = first.moved_to(self.motion, begin_s, exposure, self.scene.asked_subframes)
-            lights[name] = one.render(hashed_seed(seed, -4, number), stop, progress)
+            moved = first.moved_to(self.motion, begin_s, exposure, self.scene.asked_subframes)
+            lights[name] = moved.render(hashed_seed(seed, -4, number), stop, progress)
         return replace(light, later=lights)
 
     def exposure_of(self, light: Irradiance) -> Exposure:
-        """The exposure of this light: what was given, or found when it was metered."""
-        if (found := light.statistics.metering) is None:
+        """Return the exposure of this light, given or metered."""
+        metering = light.statistics.metering
+        if metering is None:
             return self.exposure
-        return replace(self.exposure, time_s=found["exposure_s"])
+        return replace(self.exposure, time_s=metering["exposure_s"])
 
     def moved_to(
         self,
@@ -240,13 +237,13 @@ class PreparedRender(LoadedRender):
         subframes: int | None,
         waveform: Waveform | None = None,
     ) -> PreparedRender:
-        """The same scene with a motion, in a frame that begins at ``begin_s``. Raises InputError."""
+        """Return the same scene with a motion, for a frame that starts at ``begin_s``. Raises InputError."""
         asked = self.camera, exposure, subframes, self.unit_m, begin_s, waveform
         moving = MovingScene(self.at_rest, motion, *asked)
         return replace(self, scene=moving, motion=motion, exposure=exposure, metered=True)
 
     def metered_first(self) -> PreparedRender:
-        """The same, its exposure known: where it is to be metered, by a short render from now on. Raises InputError."""
+        """Return the same render with a known exposure; a short render meters it if needed. Raises InputError."""
         if self.metering is None or self.metered:
             return self
         plain = replace(self, options={**self.options, "denoise": False})
@@ -254,16 +251,16 @@ class PreparedRender(LoadedRender):
         return replace(self, exposure=self.exposure_of(light), metered=True)
 
     def at_luminance(self, luminance: float) -> PreparedRender:
-        """The same with all emitters scaled, so that the picture has this median luminance [cd/m²]. Raises InputError.
+        """Return the same render with all emitters scaled to this median luminance [cd/m²]. Raises InputError.
 
-        A short render finds the scale, which all frames share. It is denoised if possible: a noisy median is too low.
+        A short render finds the scale for all frames. It is denoised if possible, because a noisy median is too low.
         """
         light = self.render(self.seed(None), stop_criterion_of({"spp": BRIGHTNESS_SPP}))
         return replace(self, bands=replace(self.bands, light_scale=scale_to(luminance, light)))
 
     def sensor(self, options: ExposeOptions) -> PreparedExposure:
-        """The exposure of what is rendered, checked before anything is: ``.of(photons).frames()``. Seed and serial
-        number are by default the scene file's, else 1. Raises InputError."""
+        """Return the checked exposure of this render before any light is there: ``.of(photons).frames()``. Defaults of
+        seed and serial number are those of the scene file, else 1. Raises InputError."""
         (columns, rows), (column, row) = self.scene.view.crop_size, self.scene.view.crop_offset
         seeds: ExposeOptions = {
             **options,
@@ -275,18 +272,18 @@ class PreparedRender(LoadedRender):
         )
 
     def aovs(self) -> Aovs:
-        """Depth, position, normals, … of the same pixels, in a pass of their own."""
+        """Return depth, position, normals and other AOVs of the same pixels, from a separate pass."""
         scene = self.at_rest
         if (
             self.motion != Motion()
-        ):  # a mesh that has moved and come back is off by rounding: built again
+        ):  # a mesh that moved and returned has rounding errors: load it again
             width = self.options["width"]
             scene = load_for_rays(self.parsed, self.camera, self.unit_m, width)
         shutter = shutter_of(self.camera, self.exposure, self.begin_s)
         return aovs_of(scene, self.motion, self.unit_m, shutter)
 
     def of_light_group(self, group: LightGroup) -> PreparedRender:
-        """The render of one group of emitters, for the same camera, exposure and bands."""
+        """Return the render of one group of emitters, for the same camera, exposure and bands."""
         at_rest = self.group_scenes.get(group.name) or load_scene(
             self.parsed,
             self.bands,
@@ -313,11 +310,11 @@ def prepare(
     usual: Literal["auto", "channels"] = "auto",
     **options: Unpack[RenderOptions],
 ) -> PreparedRender:
-    """Check all that was asked for, read what was not from the scene file, and load the scene.
+    """Check the options, read missing ones from the scene file, and load the scene.
 
-    usual : the value of ``spectral`` where neither the options nor the scene file ask for anything.
-    No ray is traced, except where an exposure that is to be metered decides what is rendered, with a motion or a noise
-    ratio: a short render at rest finds it. Raises InputError.
+    usual : default of ``spectral`` if neither the options nor the scene file have it.
+    No ray is traced, unless a metered exposure decides what is rendered (motion, light groups, noise ratio). Then a
+    short render at rest finds the exposure. Raises InputError.
     """
     asked, chosen = checked_exposure(camera, exposure), complete(RenderOptions, options)
     check_options(chosen)
@@ -328,14 +325,14 @@ def prepare(
     asked = settings.metering() if asked is AUTO else first_given(asked, settings.exposure)
     parsed = parsed.in_variant_for(camera)
     metering = asked if isinstance(asked, Metering) else None
-    known = asked.unit_exposure if isinstance(asked, Metering) else asked
-    warn_of_temperature(known.temperature_k)
+    given = asked.unit_exposure if isinstance(asked, Metering) else asked
+    warn_of_temperature(given.temperature_k)
     bands = with_filters(bands_asked_for(chosen, settings, camera, usual), camera)
     groups = parts_of_light(parsed, cast(AskedGroups | None, chosen["light_groups"]), camera)
     unit, width = chosen["scene_unit"], chosen["width"]
     at_rest = load_scene(parsed, bands, {}, camera, unit, width=width)
     motion = read_motion(chosen["motion"])
-    still = PreparedRender(parsed, at_rest, camera, known, bands, chosen, metering=metering)
+    still = PreparedRender(parsed, at_rest, camera, given, bands, chosen, metering=metering)
     if chosen["luminance"] is not None:
         if luminous_weights(bands) is None:
             raise InputError(NOT_LUMINOUS)

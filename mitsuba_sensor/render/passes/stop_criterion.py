@@ -1,4 +1,4 @@
-"""When a render is good enough, and how far it is."""
+"""Stop criterion of a render, and its progress."""
 
 from __future__ import annotations
 
@@ -6,36 +6,35 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Any, Literal
 
 from ...core import InputError
-from ...core.progress import ProgressLines, automatic_progress, is_asked
+from ...core.progress import automatic_progress, is_asked
 from ..denoise.network import is_installed, library
 from ..options import RenderOptions
 from ..samples import PASSES_MIN, pass_plan, whole_grid
 
-DEFAULT_SPP = 256  # at most, of a render that ends at the sensor's noise
-DEFAULT_DENOISED_SPP = 64  # the same, where the rest of the noise is for the denoiser
-DEFAULT_PASS_SPP = 4
-PASS_SPP = 16  # of the passes of a render that a noise ratio or a time ends
-SURE_PASSES_MIN = (
-    16  # before a noise ratio that was asked for counts as reached: 15 degrees of freedom
-)
-SPP_MAX = 2**16  # of a render that works towards a noise ratio, unless max_spp says otherwise
+DEFAULT_SPP = 252  # at most, for a render that ends at the sensor's noise
+DEFAULT_DENOISED_SPP = 72  # at most, if the denoiser removes the remaining noise
+GROUP_SPP = 32  # at least, of each light group of such a render
+PASS_SPP = 9  # samples of a pass if the noise or a time ends the render: the fewest without correlated dimensions
+SURE_PASSES_MIN = 16  # before a requested noise ratio is compared: 15 degrees of freedom
+SPP_MAX = 2**16  # of a render with a noise ratio or a time, unless max_spp is given
 
 End = Literal["spp", "sensor_noise", "noise_ratio", "max_seconds", "max_spp"]
 
 
 @dataclass(frozen=True)
 class StopCriterion:
-    """Equal passes of so many samples, at most so many of them, and what may end a render earlier.
+    """Number and size of the equal passes of a render, and what ends it earlier.
 
-    end : why it ends when all ``passes`` are done.
-    goal, reached : noise ratio below which it ends earlier, and what that is called; None: it does not.
-    percentile, sure_passes : of the lit pixels that is compared with the goal, from so many passes on.
-    max_seconds : no pass begins that would end later, as far as those before tell; two are always made.
-    asked : samples per pixel that were asked for, if a number was.
-    grouped : whether ``samples`` are of each group of bands apart.
+    passes, samples : largest number of passes, and samples per pixel of each.
+    end : reason to stop after all ``passes``.
+    goal, reached : noise ratio that ends the render earlier (None: none does), and the reason that it is reported as.
+    percentile, sure_passes : of the lit pixels, compared with the goal; the fewest passes before it is compared.
+    max_seconds : time limit. No pass starts that would probably end later, but two passes are always made.
+    asked : requested samples per pixel, if any.
+    grouped : True if each group of bands takes ``samples`` samples.
     """
 
     passes: int
@@ -51,23 +50,25 @@ class StopCriterion:
     repeatable: bool = False
 
     def shared(self, count: int) -> StopCriterion:
-        """Return that of one of ``count`` light groups: an equal share of samples, time and variance."""
+        """Return the criterion for one of ``count`` light groups: equal fractions of samples, time and variance."""
         part = replace(
             self,
             goal=None if self.goal is None else self.goal / count,
             max_seconds=self.max_seconds / count,
             asked=None,
         )
-        if self.end != "spp" or self.goal is not None:
-            return replace(part, passes=max(self.passes // count, PASSES_MIN))
-        spp = max(round(self.passes * self.samples / count), PASSES_MIN)
+        passes = self.passes // count
+        if self.end == "max_spp" or (self.goal is not None and passes >= PASSES_MIN):
+            return replace(part, passes=max(passes, PASSES_MIN))
+        least = PASSES_MIN if self.goal is None else GROUP_SPP
+        spp = max(round(self.passes * self.samples / count), least)
         passes, samples = pass_plan(spp, self.repeatable)
         return replace(part, passes=passes, samples=samples)
 
     def finished(self, done: int, ratio: float, seconds: float) -> End | None:
-        """Return why no pass follows the ``done`` ones, or None.
+        """Return the reason to stop after ``done`` passes and ``seconds``, or None.
 
-        ratio : the percentile of render variance over sensor variance.  seconds : so far.
+        ratio : percentile of the render variance over the sensor variance.
         """
         if self.goal is not None and done >= self.sure_passes and ratio <= self.goal:
             return self.reached
@@ -79,52 +80,56 @@ class StopCriterion:
 
     @property
     def most(self) -> int:
-        """Passes that end the render at the latest; 0 where a noise ratio or a time ends it."""
+        """Number of passes if nothing ends the render earlier; 0 if a noise ratio or a time ends it."""
         return 0 if self.end == "max_spp" else self.passes
 
     def notes(self, end: End, samples: int) -> list[str]:
-        """Say why another number of samples per pixel was taken than was asked for."""
+        """Return a note if the render took another number of samples per pixel than requested."""
         if self.asked is None or self.asked == samples:
             return []
-        why = "equal passes, each a full grid" if end == "spp" else "the time was up"
-        return [f"{self.asked} samples per pixel asked for, {samples} taken: {why}"]
+        why = (
+            "passes are equal, without correlated samples"
+            if end == "spp"
+            else "max_seconds was reached"
+        )
+        return [f"took {samples} samples per pixel instead of {self.asked}, because {why}"]
 
 
 def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:
-    """Return when a render with these options is good enough; None is "not given". Raises InputError.
+    """Return the stop criterion for render options; None means "not given". Raises InputError.
 
-    groups : of bands, that share the samples; where there are too few for all, the bands are rendered together.
+    groups : number of groups of bands, which share the samples. If there are too few samples for all groups, all bands
+        are rendered together.
     """
     spp, max_spp = options.get("spp"), options.get("max_spp")
     ratio = options.get("noise_ratio")
     limit_s, repeatable = options.get("max_seconds"), bool(options.get("repeatable"))
     if spp is not None and ratio is not None:
-        raise InputError(
-            f"spp is {spp!r} and noise_ratio {ratio!r}; give one: samples, or what they reach."
-        )
+        raise InputError(f"spp is {spp!r} and noise_ratio is {ratio!r}; omit one of them.")
     if spp is not None and max_spp is not None:
         raise InputError(
-            f"spp is {spp!r} and max_spp {max_spp!r}; spp is exact, max_spp goes with noise_ratio."
+            f"spp is {spp!r} and max_spp is {max_spp!r}; omit max_spp, which limits a render with noise_ratio."
         )
     if repeatable and limit_s is not None:
         raise InputError(
-            f"repeatable is given and max_seconds is {limit_s!r}, but time is not: take max_spp instead."
+            f"repeatable excludes max_seconds={limit_s!r}, because times are not repeatable; use max_spp instead."
         )
     max_seconds = math.inf if limit_s is None else float(limit_s)
     unlimited = ratio is None and max_spp is None and limit_s is None
     if spp is None and unlimited and groups == 1:
         denoised = options.get("denoise") is not False and is_installed()
         most = DEFAULT_DENOISED_SPP if denoised else DEFAULT_SPP
+        samples = whole_grid(PASS_SPP, repeatable)
         return StopCriterion(
-            most // DEFAULT_PASS_SPP,
-            DEFAULT_PASS_SPP,
+            most // samples,
+            samples,
             goal=1.0,
             reached="sensor_noise",
             percentile=95.0,
             sure_passes=PASSES_MIN,
             repeatable=repeatable,
         )
-    if spp is not None or unlimited:  # bands in groups are for other cameras, too
+    if spp is not None or unlimited:  # groups of bands are also for other cameras
         wanted = DEFAULT_SPP if spp is None else spp
         plan = pass_plan(wanted, repeatable)
         grouped = groups > 1 and math.prod(plan) >= PASSES_MIN * groups
@@ -149,27 +154,26 @@ def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:
 
 
 def check_options(options: RenderOptions) -> None:
-    """Raise InputError for options that are no use in any scene."""
+    """Raise InputError for options that exclude each other in every scene."""
     if options["denoise"]:
         library()
     if options["subframes"] is not None and options["motion"] is None:
         raise InputError(
-            f"subframes is {options['subframes']!r} and nothing moves; pass a motion, or leave it out."
+            f"subframes is {options['subframes']!r} and nothing moves; pass motion=, or omit subframes."
         )
     stop_criterion_of(options)
 
 
 @dataclass(frozen=True)
 class RenderProgress:
-    """How far a render is: what ``progress`` is called with.
+    """State of a render, the argument of ``progress``.
 
-    done, most : passes, strip by strip, so far and in all; a render to the sensor's noise may end earlier, and where a
-        noise ratio or a time ends it, ``most`` is 0.
-    noise_ratio : render variance over sensor variance that the render works towards; NaN where it is not measured.
-    seconds : so far.
-    frame : number of the frame, where each frame has a render of its own.
-    light_group : that is rendered now; empty where the light is rendered as a whole.
-    doing : while frames are exposed to light that is there, done and most are frames.
+    done, most : finished and planned passes, counted for each strip of rows; frames while ``doing`` is "exposing". A
+        render may end earlier at the sensor's noise. If a noise ratio or a time ends it, ``most`` is 0.
+    noise_ratio : render variance over sensor variance that the render works towards; NaN before it is measured.
+    seconds : run time.
+    frame : number of the frame, if each frame has its own render.
+    light_group : name of the light group being rendered; empty if the light is rendered as a whole.
     """
 
     done: int
@@ -182,75 +186,50 @@ class RenderProgress:
 
     @property
     def share(self) -> float:
-        """Of the passes or frames that are done; NaN where their number is not known."""
+        """Fraction of the passes or frames that is done; NaN if their number is unknown."""
         return self.done / self.most if self.most else math.nan
 
 
 Progress = Callable[[RenderProgress], None]
 
 
-FILES = "report and files"
-"""The last step of a capture."""
-
-
-class Standing(NamedTuple):
-    """What is done now, and the share of all renders that is done; NaN where it is not known."""
-
-    doing: str
-    share: float
-
-
-class Series:
-    """How many renders there are, and the number of the first frame.  options : of a capture."""
-
-    def __init__(self, options: Mapping[str, object]) -> None:
-        frames, first = options.get("frames", 1), options.get("first_frame", 0)
-        if not isinstance(frames, int) or not isinstance(first, int):
-            frames, first = 1, 0  # what is no number is refused when it is used
-        self.first = first
-        self.renders = 1 if options.get("render_noise", "shared") == "shared" else frames
-
-    def standing(self, step: RenderProgress) -> Standing:
-        """Of all renders."""
-        doing = self._doing(step)
-        if doing == FILES or self.renders == 1 or step.doing == "exposing":
-            return Standing(doing, math.nan if doing == FILES else step.share)
-        own = 0.0 if math.isnan(step.share) else step.share
-        return Standing(doing, (step.frame - self.first + own) / self.renders)
-
-    def _doing(self, step: RenderProgress) -> str:
-        if step.doing == "exposing":
-            last = step.done == step.most
-            return FILES if last else f"exposing frame {step.done + 1} of {step.most}"
-        if self.renders == 1:
-            return f"{step.doing} {step.light_group}".rstrip()
-        return f"{step.doing} frame {step.frame - self.first + 1} of {self.renders}"
+def standing(step: RenderProgress, options: Mapping[str, Any]) -> tuple[str, float]:
+    """Return the current activity of a capture with these options, and the fraction of its renders that is done (NaN if
+    unknown)."""
+    if step.doing == "exposing":
+        if step.done == step.most:
+            return "report and files", math.nan
+        return f"exposing frame {step.done + 1} of {step.most}", step.share
+    frames = options.get("frames", 1)
+    if options.get("render_noise", "shared") == "shared" or frames == 1:
+        return f"{step.doing} {step.light_group}".rstrip(), step.share
+    number = step.frame - options.get("first_frame", 0)
+    finished = 0.0 if math.isnan(step.share) else step.share
+    return f"{step.doing} frame {number + 1} of {frames}", (number + finished) / frames
 
 
 @contextmanager
 def told_progress(
     progress: Progress | bool | None,
     name: str,
-    options: Mapping[str, object],
+    options: Mapping[str, Any],
     thread: bool = True,
 ) -> Iterator[Progress | None]:
-    """What a render reports to: the given function, nothing for False, and for None a line every ten seconds.
+    """Yield the function that a render reports to: ``progress`` itself, None for False, or for None a function that
+    writes a line every ten seconds.
 
-    name : of the function that the user called.  options : its options.  Raises InputError.
+    name : function that the user called.  options : its options.  Raises InputError.
     """
     if callable(progress):
         yield progress
-        return
-    if not is_asked(progress):
+    elif not is_asked(progress):
         yield None
-        return
-    with automatic_progress(name, "loading the scene", thread) as teller:
-        yield None if teller is None else _teller_of(teller, Series(options))
+    else:
+        with automatic_progress(name, "loading the scene", thread) as lines:
 
+            def tell(step: RenderProgress) -> None:
+                assert lines is not None
+                lines.tell(*standing(step, options))
+                lines.tick()
 
-def _teller_of(teller: ProgressLines, series: Series) -> Callable[[RenderProgress], None]:
-    def tell(step: RenderProgress) -> None:
-        teller.tell(*series.standing(step))
-        teller.tick()
-
-    return tell
+            yield None if lines is None else tell

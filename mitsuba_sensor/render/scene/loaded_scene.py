@@ -110,7 +110,7 @@ def tree_of(view: LoadedView) -> dict[str, Any]:
         if integrator.aov_names():
             why = "adds channels that the sensor cannot use"
         elif integrator.class_name() in NO_RADIANCE:
-            why = "computes no radiance"
+            why = "does not compute radiance"
         if why:
             raise InputError(
                 f"the integrator of the scene, {integrator.class_name()}, {why}; load the scene with another, e.g. "

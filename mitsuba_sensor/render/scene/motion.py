@@ -1,6 +1,6 @@
-"""Rigid motions of the camera and of the objects of a scene over time, read from a TOML file.
+"""Rigid motions of the camera and the objects of a scene, read from a TOML file.
 
-Lengths are metres in world space, time 0 is when the first row of the film opens. Camera and objects have either
+Lengths are metres in world space; time 0 is when the first row of the film opens. Camera and objects have either
 constant velocities or key poses, relative to their pose in the scene file::
 
     [camera]
@@ -21,8 +21,8 @@ constant velocities or key poses, relative to their pose in the scene file::
     turn_deg = 30                      # about axis, through the object's pivot_m
     axis = [0, 0, 1]
 
-A key of the camera may instead give its pose in the world: ``origin_m`` and ``target_m`` (``up`` is [0, 1, 0] if not
-given), or ``to_world``, four rows of four numbers.
+A key of the camera may instead give its pose in the world: ``origin_m`` and ``target_m`` (``up`` is [0, 1, 0] by
+default), or ``to_world``, four rows of four numbers.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ from ...core.small_files import require_small, toml_tables
 from ...files.shipped_scenes import MOTION, shipped_file
 from ...stages.datasheet import FileTable
 
-LARGEST = 1e30  # the square of it is a number
+NUMBER_MAX = 1e30  # its square is finite
 Number = Annotated[
     float,
     BeforeValidator(lambda x: x.tolist() if hasattr(x, "tolist") else x),
-    Field(strict=True, ge=-LARGEST, le=LARGEST),
+    Field(strict=True, ge=-NUMBER_MAX, le=NUMBER_MAX),
 ]
 Vector = Annotated[tuple[Number, ...], Field(min_length=3, max_length=3)]
 Matrix = Annotated[
@@ -62,7 +62,7 @@ ROTATION_TOLERANCE = 1e-4  # accepts a matrix that is printed with five digits
 
 
 class KeyPose(FileTable):
-    """A pose at a time: relative to the scene file, or in the world (camera only)."""
+    """A pose at one time: relative to the scene file, or in the world (camera only)."""
 
     time_s: Number = Field(
         ge=-1e9,
@@ -102,59 +102,52 @@ class KeyPose(FileTable):
             raise ValueError(
                 "must have one of move_m and turn_deg, origin_m and target_m, or to_world"
             )
-        _rotation_vector(self.turn_deg, self.axis, "turn_deg")
-        _ = self.pose  # raises what is wrong with it
+        _rotation(self.turn_deg, self.axis, "turn_deg")
+        _ = self.pose  # raises ValueError for a wrong pose
         return self
 
     @property
     def pose(self) -> Float64Array | None:
-        """4×4 to the world, from to_world or from origin and target (axes: left, up, forward); None if relative."""
-        if self.to_world is None and self.origin_m is None:
-            return None
-        matrix: Float64Array = np.eye(4) if self.to_world is None else np.array(self.to_world)
-        if self.to_world is None:
-            origin, target, up = (
-                np.array(vector) for vector in (self.origin_m, self.target_m, self.up)
-            )
-            forward = target - origin
-            left = np.cross(up, forward)
-            if (
-                np.linalg.norm(left) < 1e-9 * np.linalg.norm(up) * np.linalg.norm(forward)
-                or not left.any()
-            ):
+        """The pose in the world, shape (4, 4), from to_world or from origin and target (axes: left, up, forward); None
+        if relative."""
+        if self.to_world is not None:
+            matrix = np.array(self.to_world)
+            turn = matrix[:3, :3]
+            is_orthogonal = np.allclose(turn @ turn.T, np.eye(3), atol=ROTATION_TOLERANCE)
+            if not is_orthogonal or np.linalg.det(turn) <= 0 or matrix[3, 3] != 1:
                 raise ValueError(
-                    "target_m is at origin_m, or up is along the view; change target_m or up"
+                    "to_world is not a rotation and a translation; remove scale, shear and mirroring"
                 )
-            axes = [left, np.cross(forward, left), forward]
-            matrix[:3] = np.column_stack(
-                [*(axis / np.linalg.norm(axis) for axis in axes), origin]
-            )
-        turn = matrix[:3, :3]
-        is_rigid = (
-            np.allclose(turn @ turn.T, np.eye(3), atol=ROTATION_TOLERANCE)
-            and np.linalg.det(turn) > 0
-        )
-        if not is_rigid or matrix[3, 3] != 1:
+            return matrix
+        if self.origin_m is None:
+            return None
+        origin, target, up = map(np.array, (self.origin_m, self.target_m, self.up))
+        forward = target - origin
+        left = np.cross(up, forward)
+        axes = left, np.cross(forward, left), forward
+        lengths = [np.linalg.norm(axis) for axis in axes]
+        if lengths[0] <= 1e-9 * np.linalg.norm(up) * lengths[2]:
             raise ValueError(
-                "to_world is not a rotation and a translation; remove scale, shear and mirroring"
+                "target_m is at origin_m, or up is along the view; change target_m or up"
             )
-        return matrix
+        pose = np.eye(4)
+        unit_axes = [axis / length for axis, length in zip(axes, lengths, strict=True)]
+        pose[:3] = np.column_stack([*unit_axes, origin])
+        return pose
 
     def relative(
         self, start: Float64Array, pivot: Float64Array
     ) -> tuple[Float64Array, scipy.spatial.transform.Rotation]:
-        """Translation of the pivot, and rotation, from the pose ``start`` of the scene file to this one."""
+        """Return the translation of the pivot, and the rotation, from the pose ``start`` of the scene file."""
         if self.pose is None:
-            return np.array(self.move_m), scipy.spatial.transform.Rotation.from_rotvec(
-                _rotation_vector(self.turn_deg, self.axis, "turn_deg")
-            )
+            return np.array(self.move_m), _rotation(self.turn_deg, self.axis, "turn_deg")
         whole = self.pose @ np.linalg.inv(rigid(start))
         turn = scipy.spatial.transform.Rotation.from_matrix(whole[:3, :3])
         return whole[:3, 3] + turn.as_matrix() @ pivot - pivot, turn
 
 
 class RigidMotion(FileTable):
-    """The motion of the camera.  pivot_m : fixed point of its rotation; None is the camera's own position."""
+    """The motion of the camera.  pivot_m : fixed point of its rotation; default: the position of the camera."""
 
     velocity_m_per_s: Vector = Field(
         ZERO, description="constant velocity [m/s]", examples=[[0.5, 0, 0]]
@@ -172,9 +165,8 @@ class RigidMotion(FileTable):
 
     @model_validator(mode="after")
     def _one_motion(self) -> Self:
-        if bool(
-            self.model_fields_set & {"velocity_m_per_s", "rotate_deg_per_s", "axis"}
-        ) == bool(self.keys):
+        steady = {"velocity_m_per_s", "rotate_deg_per_s", "axis"}
+        if bool(self.model_fields_set & steady) == bool(self.keys):
             raise ValueError(
                 "must have either velocity_m_per_s or rotate_deg_per_s, or keys, and not both"
             )
@@ -183,13 +175,13 @@ class RigidMotion(FileTable):
                 raise ValueError(
                     f"keys has time_s {after:g} after {before:g}; the times must increase"
                 )
-        _rotation_vector(self.rotate_deg_per_s, self.axis, "rotate_deg_per_s")
+        _rotation(self.rotate_deg_per_s, self.axis, "rotate_deg_per_s")
         return self
 
     def displacement(self, time_s: float, base: ArrayLike | None = None) -> Float64Array:
-        """4×4 from the pose in the scene file to that at ``time_s``: x → pivot + move + R·(x − pivot).
+        """Return the displacement at ``time_s``, shape (4, 4): x → pivot + move + R·(x − pivot).
 
-        base : 4×4 pose of the camera in the scene file; its last column is the pivot where none is given.
+        base : pose of the camera in the scene file, shape (4, 4); its position is the default pivot.
         """
         start = np.eye(4) if base is None else np.asarray(base, float)
         pivot = start[:3, 3] if self.pivot_m is None else np.array(self.pivot_m)
@@ -197,8 +189,7 @@ class RigidMotion(FileTable):
             move, turn = self._between_keys(time_s, start, pivot)
         else:
             move = time_s * np.array(self.velocity_m_per_s)
-            spin = _rotation_vector(self.rotate_deg_per_s, self.axis, "rotate_deg_per_s")
-            turn = scipy.spatial.transform.Rotation.from_rotvec(time_s * spin)
+            turn = _rotation(self.rotate_deg_per_s, self.axis, "rotate_deg_per_s", time_s)
         result = np.eye(4)
         result[:3, :3] = turn.as_matrix()
         result[:3, 3] = pivot + move - result[:3, :3] @ pivot
@@ -207,7 +198,7 @@ class RigidMotion(FileTable):
     def _between_keys(
         self, time_s: float, start: Float64Array, pivot: Float64Array
     ) -> tuple[Float64Array, scipy.spatial.transform.Rotation]:
-        """Linear interpolation of the pivot, slerp of rotations; constant before the first and after the last key."""
+        """Interpolate the pivot linearly and the rotation by slerp; constant outside the keys."""
         poses = [key.relative(start, pivot) for key in self.keys]
         if len(poses) == 1:
             return poses[0]
@@ -221,7 +212,7 @@ class RigidMotion(FileTable):
 
 
 class ObjectMotion(RigidMotion):
-    """The motion of one object; a rotation needs its pivot_m."""
+    """The motion of one object; a rotation needs pivot_m."""
 
     @model_validator(mode="after")
     def _of_an_object(self) -> Self:
@@ -242,7 +233,7 @@ class ObjectMotion(RigidMotion):
 
 
 class Motion(FileTable):
-    """What moves during an exposure. objects : by the id of a shape, or of an emitter with a transform."""
+    """Motion during an exposure.  objects : by the id of a shape, or of an emitter with a transform."""
 
     camera: RigidMotion | None = Field(
         None, description="a table [camera]", examples=[{"velocity_m_per_s": [1, 0, 0]}]
@@ -253,7 +244,7 @@ class Motion(FileTable):
 
 
 def read_motion(source: str | os.PathLike[str] | Mapping[str, Any] | Motion | None) -> Motion:
-    """A motion from a TOML file or a mapping of the same fields; None is no motion. Raises InputError, one sentence."""
+    """Return the motion of a TOML file, or of a mapping of its fields; None means no motion. Raises InputError."""
     if source is None or isinstance(source, Motion):
         return source or Motion()
     where, data = "the motion", source
@@ -272,7 +263,7 @@ def read_motion(source: str | os.PathLike[str] | Mapping[str, Any] | Motion | No
         except (OSError, UnicodeDecodeError) as error:
             why = getattr(error, "strerror", None) or "it is not text"
             raise InputError(
-                f"{where} cannot be read: {why}; give the path of a motion file, or rolling_fan, which ships."
+                f"{where} cannot be read: {why}; give the path of a motion file, or rolling_fan, which is included."
             ) from None
     try:
         motion = Motion.model_validate(data)
@@ -284,26 +275,27 @@ def read_motion(source: str | os.PathLike[str] | Mapping[str, Any] | Motion | No
 
 
 def rigid(to_world: Float64Array) -> Float64Array:
-    """A pose, 4 × 4, without scale and mirroring, which an orthographic zoom has."""
+    """Return a pose, shape (4, 4), without scale and mirroring, which an orthographic zoom has."""
     pose = to_world.copy()
     pose[:3, :3] /= np.linalg.norm(to_world[:3, :3], axis=0)
     pose[:3, 0] *= np.sign(np.linalg.det(to_world[:3, :3]))
     return pose
 
 
-def _rotation_vector(
-    angle_deg: float | None, axis: tuple[float, ...] | None, name: str
-) -> Float64Array:
-    """Rotation vector [rad] of an angle about an axis; both are given, or neither."""
+def _rotation(
+    angle_deg: float | None, axis: tuple[float, ...] | None, name: str, factor: float = 1.0
+) -> scipy.spatial.transform.Rotation:
+    """Return the rotation by a multiple of an angle about an axis; both are given, or neither."""
     if angle_deg is None and axis is None:
-        return np.zeros(3)
+        return scipy.spatial.transform.Rotation.identity()
     if angle_deg is None or axis is None:
         missing, given = (name, "axis") if angle_deg is None else ("axis", name)
         raise ValueError(
             f"has {given} and no {missing}; a rotation needs both, e.g. axis = [0, 1, 0]"
         )
     length = np.linalg.norm(axis)
-    if length < 1 / LARGEST:
+    if length < 1 / NUMBER_MAX:
         given = ", ".join(f"{x:g}" for x in axis)
         raise ValueError(f"axis is [{given}]; give a direction, e.g. [0, 1, 0]")
-    return np.asarray(np.radians(angle_deg) * np.array(axis) / length)
+    vector = np.radians(angle_deg) * np.array(axis) / length
+    return scipy.spatial.transform.Rotation.from_rotvec(factor * vector)

@@ -17,18 +17,18 @@ from .asked import NUMBERS_MAX, AskedInfrared, Numbers
 from .motion import KeyPose
 
 BLOCK_SIDE = 16  # pixels
-LISTED = 20  # names in a message
+NAMES_LISTED_MAX = 20  # in a message
 UNNAMED = re.compile(r"object_\d+")
-"""What Mitsuba calls an element without an id; an address, new in each run."""
+"""Mitsuba's name for an element without an id: its address, which changes in each run."""
 
 
 @dataclass(frozen=True)
 class SceneEdits:
-    """What is changed in a scene when it is built.
+    """Changes of a scene that are made when it is built.
 
-    traverse : by name, the numbers of a parameter.  look_at : origin_m, target_m and up of the camera, or None.
-    repeatable : whether threads must not change the picture, see :func:`samples.pass_plan`.
-    infrared : what RGB colours are beyond 700 nm, see :func:`lint.infrared.ruled_colours`.
+    traverse : numbers of parameters by name.  look_at : origin_m, target_m and up of the camera, or None.
+    repeatable : True if the number of threads must not change the image, see :func:`samples.pass_plan`.
+    infrared : rule for RGB colours beyond 700 nm, see :func:`lint.infrared.ruled_colours`.
     """
 
     traverse: Mapping[str, Numbers] = field(default_factory=dict)
@@ -51,33 +51,32 @@ class SceneEdits:
         )
 
     def without_parameters(self, prefixes: tuple[str, ...]) -> SceneEdits:
-        """Return the changes without the parameters whose names begin so."""
+        """Return the changes without the parameters whose names start with these prefixes."""
         kept = {key: x for key, x in self.traverse.items() if not key.startswith(prefixes)}
         return replace(self, traverse=kept)
 
     def digest(self) -> bytes:
-        """Return what stands for them in the digest of a scene; nothing if there are none."""
+        """Return the bytes that represent the changes in the digest of a scene; empty without changes."""
         changes: list[object] = [sorted(self.traverse.items()), self.look_at]
         if self.infrared:
             changes.append(self.infrared)
         return json.dumps(changes).encode() if any(changes) else b""
 
     def set_pose(self, sensor: MitsubaObject, unit_m: float) -> None:
-        """Put the pose into the properties of a sensor; a scale of its own stays.  unit_m : metres per scene unit."""
+        """Set the pose in the properties of a sensor, and keep its scale.  unit_m : metres per scene unit."""
         if self.look_at is None:
             return
-        mi = mitsuba()
         pose: Any = KeyPose(time_s=0, **self.look_at).pose
         pose[:3, 3] /= unit_m
         if "to_world" in sensor:
-            own = np.array(sensor["to_world"].matrix, dtype=float).reshape(4, 4)[:3, :3]
-            pose[:3, :3] *= np.linalg.norm(own, axis=0)
-            pose[:3, 0] *= np.sign(np.linalg.det(own))
-        sensor["to_world"] = mi.ScalarTransform4f(pose)
+            before = np.array(sensor["to_world"].matrix, dtype=float).reshape(4, 4)[:3, :3]
+            pose[:3, :3] *= np.linalg.norm(before, axis=0)
+            pose[:3, 0] *= np.sign(np.linalg.det(before))
+        sensor["to_world"] = mitsuba().ScalarTransform4f(pose)
 
     def fix_blocks(self, root: MitsubaObject, integrators: list[MitsubaObject]) -> None:
-        """Give the integrators of a scene blocks of a size that does not depend on the number of threads: scalar
-        variants choose one otherwise, and seed the sampler block by block."""
+        """Give integrators a block size that does not depend on the number of threads: scalar variants choose one
+        otherwise, and seed the sampler for each block."""
         if not (self.repeatable and mitsuba().variant().startswith("scalar")):
             return
         for node in integrators:
@@ -98,34 +97,42 @@ class SceneEdits:
         parameters.update()
 
     def _problem(self, parameters: MitsubaObject, key: str) -> str:
-        """Why a parameter cannot be set and what to do instead; empty if it can."""
+        """Return why a parameter cannot be set and what to do instead; empty if it can be set."""
         if UNNAMED.match(key):
-            return "an element without an id, which has another name in each run; give it an id in the scene file."
+            return (
+                "whose element has another name in each run; give an id to the shape, emitter or material that stands "
+                "directly in <scene>."
+            )
         if key not in parameters:
-            known = [name for name, _ in parameters if not self._problem(parameters, name)]
-            few = f": it has {', '.join(known)}" if 0 < len(known) <= LISTED else ""
-            way_out = "elements are named by the id that they have in the scene file"
-            return f"which the scene does not have{few}; {way_out}.{nearest(key, known)}"
+            names = [name for name, _ in parameters if not self._problem(parameters, name)]
+            listed = f": it has {', '.join(names)}" if len(names) <= NAMES_LISTED_MAX else ""
+            if not names:
+                listed = ", in which no element has an id"
+            end = f".{key.partition('.')[2]}"  # e.g. of glow.radiance.value, glow in the shape lamp
+            similar = [name for name in names if name.endswith(end)] or names
+            return (
+                f"which the scene does not have{listed}; a name begins with the id of an element that stands directly "
+                f"in <scene>, e.g. lamp.emitter.radiance.value.{nearest(key, similar)}"
+            )
         if {"film", "sampler"} & set(key.split(".")[1:-1]):
             return "which belongs to film or sampler, and these are replaced; take width, camera or spp."
         is_pose = key.endswith(".to_world") and isinstance(
             parameters.properties[key][2], mitsuba().Sensor
         )
         if is_pose and self.look_at is not None:
-            return "and look_at is given, which is the same; remove one of the two."
+            return "and look_at sets the same pose; remove one of the two."
         if not _count(parameters[key]):
             return f"which is not a number, or more than {NUMBERS_MAX} numbers; change the scene file instead."
         return ""
 
 
 def _is_transform(value: MitsubaObject) -> bool:
-    return hasattr(value, "matrix") and not drjit().is_array_v(
-        value
-    )  # of an array it is a permutation of components
+    # The matrix of an array is a permutation of its components.
+    return hasattr(value, "matrix") and not drjit().is_array_v(value)
 
 
 def _count(value: MitsubaObject) -> int:
-    """How many numbers a parameter has; 0 if it may not be set: whole numbers, images, large arrays."""
+    """Return how many numbers a parameter has; 0 if it cannot be set (whole numbers, images, large arrays)."""
     dr = drjit()
     if isinstance(value, float):
         return 1
@@ -137,7 +144,7 @@ def _count(value: MitsubaObject) -> int:
 
 
 def _changed(what: str, value: MitsubaObject, numbers: Numbers) -> MitsubaObject:
-    """The numbers as a parameter of the same type. Raises InputError."""
+    """Return the numbers as a parameter of the type of ``value``. Raises InputError."""
     if len(numbers) != (count := _count(value)):
         takes = "one number" if count == 1 else f"{count} numbers"
         raise InputError(f"{what} has {len(numbers)} numbers; it takes {takes}.")

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from ...core import Array, Doubt, Exposure, Frame, arrays
 from ...core.types import Float64Array
-from ..datasheet import FileTable, NotNegative, Positive
+from ..datasheet import FileTable, NotNegative, Positive, optional
 from ..gains import (
     adc_gain_dn_per_v,
     full_scale_v,
@@ -43,17 +43,15 @@ class AdcFields(FileTable):
     bits: Annotated[int, Field(ge=1, le=24, strict=True)] = Field(
         description="resolution [bit]", examples=[12]
     )
-    full_scale_v: Annotated[Positive | None, Usual.of(1e-3, 30, MV_TO_V)] = Field(
-        None,
+    full_scale_v: Annotated[Positive | None, Usual.of(1e-3, 30, MV_TO_V)] = optional(
+        "swing of the whole code range V_FS [V]; default: that of a full well, with its non-linearities",
+        0.165,
         title="full scale V_FS",
-        description="swing of the whole code range V_FS [V]; default: that of a full well, with its non-linearities",
-        examples=[0.165],
     )
-    black_level_dn: NotNegative | None = Field(
-        None,
+    black_level_dn: NotNegative | None = optional(
+        "black level, the code of darkness [DN]; default: 4σ of the noise of a zero exposure",
+        64,
         title="black level, offset μ_y.dark (E)",
-        description="black level, the code of darkness [DN]; default: 4σ of the noise of a zero exposure",
-        examples=[64],
     )
     dnl_lsb: dict[str, Annotated[float, Field(ge=-1, strict=True)]] = Field(
         default_factory=dict,

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from ...core import Array, Electrons, Frame, arrays
 from ...core.types import NumpyArray
-from ..datasheet import Chance, FileTable
+from ..datasheet import Chance, FileTable, optional
 from ..stage import Datasheet, Stage
 
 WHOLE_COLUMN_PX = 10**6
@@ -24,12 +24,12 @@ WHOLE_COLUMN_PX = 10**6
 class BloomingFields(FileTable):
     """What becomes of charge above the full well."""
 
-    blooming: Chance = Field(
+    blooming: Chance = optional(
+        "share of the charge above full_well_e that flows along the column; an antiblooming drain takes "
+        "the rest",
+        1.0,
         0.0,
         title="blooming, antiblooming",
-        description="share of the charge above full_well_e that flows along the column; an antiblooming drain takes "
-        "the rest",
-        examples=[1.0],
     )
 
     @model_validator(mode="after")

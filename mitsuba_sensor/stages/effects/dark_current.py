@@ -16,7 +16,7 @@ from ..dark_components import (
     superimpose,
 )
 from ..dark_current_models import DarkCurrentModel, Doubling, FigureOfMerit, Measured, Mpp
-from ..datasheet import FileTable, Kelvin, MapCoupling, NotNegative, Positive
+from ..datasheet import FileTable, Kelvin, MapCoupling, NotNegative, Positive, optional
 from ..fpn_distributions import (
     Autoregressive,
     FpnDistribution,
@@ -49,55 +49,46 @@ class DarkCurrentFields(FileTable):
 
     fom_na_per_cm2: Annotated[
         NotNegative | None, Usual.of(1e-5, 1e3, AMPERES_TO_NA, PA_TO_NA)
-    ] = Field(
-        None,
+    ] = optional(
+        "dark current per area at 300 K (its figure of merit), instead of rate_e_per_s [nA/cm²]",
+        1.0,
         title="dark-current figure of merit D_FM (J)",
-        description="dark current per area at 300 K (its figure of merit), instead of rate_e_per_s [nA/cm²]",
-        examples=[1.0],
     )
-    diffusion_fom_na_per_cm2: NotNegative | None = Field(
-        None,
+    diffusion_fom_na_per_cm2: NotNegative | None = optional(
+        "dark current per area at 300 K that diffuses from the bulk, of an MPP pixel [nA/cm²]",
+        0.01,
         title="MPP dark current: diffusion part",
-        description="dark current per area at 300 K that diffuses from the bulk, of an MPP pixel [nA/cm²]",
-        examples=[0.01],
     )
-    rate_e_per_s: NotNegative | None = Field(
-        None,
-        description="dark current at at_temperature_k, instead of fom_na_per_cm2 [e-/s per pixel]",
-        examples=[5],
+    rate_e_per_s: NotNegative | None = optional(
+        "dark current at at_temperature_k, instead of fom_na_per_cm2 [e-/s per pixel]", 5
     )
     at_temperature_k: Annotated[Annotated[float, Field(ge=50, strict=True)] | None, Kelvin] = (
-        Field(None, description="temperature of rate_e_per_s [K]", examples=[298.15])
+        optional("temperature of rate_e_per_s [K]", 298.15)
     )
-    doubling_k: Annotated[Positive | None, Usual(2, 30)] = Field(
-        None,
+    doubling_k: Annotated[Positive | None, Usual(2, 30)] = optional(
+        "warming that doubles the rate [K]; without it the rate follows silicon",
+        7.0,
         title="doubling temperature T_d (E)",
-        description="warming that doubles the rate [K]; without it the rate follows silicon",
-        examples=[7.0],
     )
-    cv: Annotated[NotNegative, Usual.of(0, 10, PERCENT)] = Field(
+    cv: Annotated[NotNegative, Usual.of(0, 10, PERCENT)] = optional(
+        "non-uniformity D_N of the dark current: σ over mean",
+        0.1,
         0.0,
         title="dark-current FPN D_N (J), DCNU",
-        description="non-uniformity D_N of the dark current: σ over mean",
-        examples=[0.1],
     )
-    distribution: Literal["gaussian", "lognormal", "gamma", "wald", "logistic", "ar"] = Field(
-        "lognormal",
-        description="distribution of the dark current over the pixels",
-        examples=["lognormal"],
+    distribution: Literal["gaussian", "lognormal", "gamma", "wald", "logistic", "ar"] = (
+        optional("distribution of the dark current over the pixels", "lognormal", "lognormal")
     )
-    coupling: MapCoupling = Field(
+    coupling: MapCoupling = optional(
+        "how alike neighbouring pixels are, with the distribution ar: a of their autoregression",
+        0.25,
         0.0,
-        description="how alike neighbouring pixels are, with the distribution ar: a of their autoregression",
-        examples=[0.25],
     )
-    components: tuple[DarkComponentSection, ...] = Field(
+    components: tuple[DarkComponentSection, ...] = optional(
+        "superimposed components of the distribution, each with a temperature and activation energy",
+        [{"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}],
         (),
         title="hot pixels, superimposed distributions",
-        description="superimposed components of the distribution, each with a temperature and activation energy",
-        examples=[
-            [{"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}]
-        ],
     )
 
     @model_validator(mode="after")

@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Self
 
-from pydantic import Field
-
 from ...core import Array, Frame, SensorWindow
 from ...core.backend import normals
-from ..datasheet import Chance, FileTable, LineCoupling, MapCoupling, NotNegative
+from ..datasheet import Chance, FileTable, LineCoupling, MapCoupling, NotNegative, optional
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, ElectronMaps
 from ..usual_range import PERCENT, Usual
@@ -20,19 +18,17 @@ class DsnuColumnFields(FileTable):
     """Offsets of the columns."""
 
     cmos_only: ClassVar[Mapping[str, float | str]] = {"dsnu_col": 0.0}
-    dsnu_col: Annotated[NotNegative, Usual.of(0, 0.05, PERCENT)] = Field(
-        0.0, description="column offsets, σ over the full-well swing", examples=[0.001]
+    dsnu_col: Annotated[NotNegative, Usual.of(0, 0.05, PERCENT)] = optional(
+        "column offsets, σ over the full-well swing", 0.001, 0.0
     )
-    dsnu_col_coupling: LineCoupling = Field(
-        0.0,
-        description="how alike offsets of neighbouring columns are: a of their autoregression",
-        examples=[0.25],
+    dsnu_col_coupling: LineCoupling = optional(
+        "how alike offsets of neighbouring columns are: a of their autoregression", 0.25, 0.0
     )
-    dsnu_residual: Chance = Field(
+    dsnu_residual: Chance = optional(
+        "share of column and pixel offsets that the analogue CDS leaves",
+        1.0,
         1.0,
         title="DSNU, DSNU1288 (E), behind an analogue CDS",
-        description="share of column and pixel offsets that the analogue CDS leaves",
-        examples=[1.0],
     )
 
 
@@ -40,13 +36,11 @@ class DsnuRowFields(FileTable):
     """Offsets of the rows."""
 
     cmos_only: ClassVar[Mapping[str, float | str]] = {"dsnu_row": 0.0}
-    dsnu_row: Annotated[NotNegative, Usual.of(0, 0.05, PERCENT)] = Field(
-        0.0, description="row offsets, σ over the full-well swing", examples=[0.0005]
+    dsnu_row: Annotated[NotNegative, Usual.of(0, 0.05, PERCENT)] = optional(
+        "row offsets, σ over the full-well swing", 0.0005, 0.0
     )
-    dsnu_row_coupling: LineCoupling = Field(
-        0.0,
-        description="how alike offsets of neighbouring rows are: a of their autoregression",
-        examples=[0.25],
+    dsnu_row_coupling: LineCoupling = optional(
+        "how alike offsets of neighbouring rows are: a of their autoregression", 0.25, 0.0
     )
 
 
@@ -54,13 +48,9 @@ class DsnuPixelFields(FileTable):
     """Offsets of the pixels."""
 
     cmos_only: ClassVar[Mapping[str, float | str]] = {"dsnu_e": 0.0}
-    dsnu_e: NotNegative = Field(
-        0.0, description="pixel offsets, σ as electrons [e-]", examples=[2.0]
-    )
-    dsnu_coupling: MapCoupling = Field(
-        0.0,
-        description="how alike offsets of neighbouring pixels are: a of their autoregression",
-        examples=[0.25],
+    dsnu_e: NotNegative = optional("pixel offsets, σ as electrons [e-]", 2.0, 0.0)
+    dsnu_coupling: MapCoupling = optional(
+        "how alike offsets of neighbouring pixels are: a of their autoregression", 0.25, 0.0
     )
 
 

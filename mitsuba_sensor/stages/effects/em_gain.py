@@ -12,7 +12,7 @@ from typing import Annotated, Self
 from pydantic import Field, model_validator
 
 from ...core import Array, Electrons, Frame, arrays
-from ..datasheet import Count, FileTable, NotNegative
+from ..datasheet import Count, FileTable, NotNegative, optional
 from ..gains import em_excess_noise
 from ..stage import Datasheet, Stage
 from ..usual_range import THOUSANDS, Usual
@@ -24,23 +24,20 @@ SMALLEST_SPREAD = 1e-9
 class EmGainFields(FileTable):
     """The multiplication register of an EMCCD."""
 
-    em_gain: Annotated[float, Field(ge=1, le=1e6, strict=True)] | None = Field(
-        None,
+    em_gain: Annotated[float, Field(ge=1, le=1e6, strict=True)] | None = optional(
+        "mean electrons out of the register of an EMCCD per electron in; gain_dn_per_e is K without it",
+        300.0,
         title="EM gain G, multiplication gain",
-        description="mean electrons out of the register of an EMCCD per electron in; gain_dn_per_e is K without it",
-        examples=[300.0],
     )
-    em_stages: Annotated[Count | None, Usual.of(100, 2000)] = Field(
-        None,
+    em_stages: Annotated[Count | None, Usual.of(100, 2000)] = optional(
+        "elements of the multiplication register",
+        536,
         title="multiplication elements, stages of the register",
-        description="elements of the multiplication register",
-        examples=[536],
     )
-    em_full_well_e: Annotated[NotNegative | None, Usual.of(1e4, 1e8, THOUSANDS)] = Field(
-        None,
+    em_full_well_e: Annotated[NotNegative | None, Usual.of(1e4, 1e8, THOUSANDS)] = optional(
+        "electrons that the multiplication register holds behind its last element [e-]",
+        800000.0,
         title="register full well",
-        description="electrons that the multiplication register holds behind its last element [e-]",
-        examples=[800000.0],
     )
 
     @model_validator(mode="after")

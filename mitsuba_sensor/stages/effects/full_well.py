@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 
 from ...core import Array, Electrons, Frame, arrays
 from ...core.types import Float64Array
-from ..datasheet import FileTable, NotNegative
+from ..datasheet import FileTable, NotNegative, optional
 from ..stage import Datasheet, Stage
 from ..usual_range import THOUSANDS, Usual
 
@@ -30,12 +30,12 @@ class FullWellFields(FileTable):
     full_well_e: Annotated[
         float, Field(ge=1, le=1e30, strict=True), Usual.of(200, 1e8, THOUSANDS)
     ] = Field(description="saturation capacity [e-]", examples=[33000])
-    full_well_knee_e: NotNegative = Field(
+    full_well_knee_e: NotNegative = optional(
+        "width w of the knee in which a pixel saturates: at full_well_e of light it holds 0.69 w less, and "
+        "its noise falls before it is full; 0 is a hard clip, at most 7 % of full_well_e [e-]",
+        500.0,
         0.0,
         title="knee of the response at saturation, soft saturation",
-        description="width w of the knee in which a pixel saturates: at full_well_e of light it holds 0.69 w less, and "
-        "its noise falls before it is full; 0 is a hard clip, at most 7 % of full_well_e [e-]",
-        examples=[500.0],
     )
 
     @model_validator(mode="after")

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from ...core import Array, Frame, arrays
 from ...core.special import largest, root
-from ..datasheet import FileTable
+from ..datasheet import FileTable, optional
 from ..gains import full_scale_v
 from ..stage import Datasheet, Stage
 
@@ -17,15 +17,11 @@ from ..stage import Datasheet, Stage
 class IntegralNonlinearityFields(FileTable):
     """Curve of the converter."""
 
-    gamma: Annotated[float, Field(gt=0, lt=2.718281828459045, strict=True)] | None = Field(
-        None,
-        description="integral non-linearity γ: gain at zero over gain at full scale, below e",
-        examples=[1.04],
+    gamma: Annotated[float, Field(gt=0, lt=2.718281828459045, strict=True)] | None = optional(
+        "integral non-linearity γ: gain at zero over gain at full scale, below e", 1.04
     )
-    ile: Annotated[float, Field(ge=0, lt=0.25, strict=True)] | None = Field(
-        None,
-        description="the same as an end-point error, a fraction of full scale",
-        examples=[0.0099],
+    ile: Annotated[float, Field(ge=0, lt=0.25, strict=True)] | None = optional(
+        "the same as an end-point error, a fraction of full scale", 0.0099
     )
 
     @model_validator(mode="after")

@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar, Self
 from pydantic import Field, model_validator
 
 from ...core import Array, Electrons, Frame
-from ..datasheet import FileTable
+from ..datasheet import FileTable, optional
 from ..stage import Datasheet, Stage
 
 
@@ -25,16 +25,14 @@ class InterPixelCapacitanceFields(FileTable):
         "ipc_corner_coupling": 0.0,
     }
 
-    ipc_coupling: Annotated[float, Field(ge=0, le=0.2, strict=True)] = Field(
+    ipc_coupling: Annotated[float, Field(ge=0, le=0.2, strict=True)] = optional(
+        "inter-pixel capacitance: share of a pixel's signal that each of its 4 neighbours shows",
+        0.01,
         0.0,
         title="IPC coupling α",
-        description="inter-pixel capacitance: share of a pixel's signal that each of its 4 neighbours shows",
-        examples=[0.01],
     )
-    ipc_corner_coupling: Annotated[float, Field(ge=0, le=0.1, strict=True)] = Field(
-        0.0,
-        description="the same share for each of its 4 diagonal neighbours",
-        examples=[0.001],
+    ipc_corner_coupling: Annotated[float, Field(ge=0, le=0.1, strict=True)] = optional(
+        "the same share for each of its 4 diagonal neighbours", 0.001, 0.0
     )
 
     @model_validator(mode="after")

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from pydantic import Field
-
 from ...core import Electrons, Frame
 from ..dark_components import reference_temperature_k
 from ..dark_current_models import DarkCurrentModel, Doubling, Measured
-from ..datasheet import FileTable, NotNegative
+from ..datasheet import FileTable, NotNegative, optional
 from ..stage import Datasheet, Stage
 from ..usual_range import Usual
 
@@ -18,12 +16,12 @@ from ..usual_range import Usual
 class OverflowDarkCurrentFields(FileTable):
     """Dark current of the overflow capacitor."""
 
-    overflow_rate_e_per_s: Annotated[NotNegative, Usual(0.01, 1e6)] = Field(
+    overflow_rate_e_per_s: Annotated[NotNegative, Usual(0.01, 1e6)] = optional(
+        "dark current of the overflow capacitor of a LOFIC pixel, at the temperature of rate_e_per_s, or "
+        "at 300 K; of the read-out that reads its charge [e-/s]",
+        50.0,
         0.0,
         title="LOFIC, lateral overflow integration capacitor",
-        description="dark current of the overflow capacitor of a LOFIC pixel, at the temperature of rate_e_per_s, or "
-        "at 300 K; of the read-out that reads its charge [e-/s]",
-        examples=[50.0],
     )
 
 

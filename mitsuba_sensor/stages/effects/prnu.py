@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from ...core import Array, Electrons, Frame, SensorWindow, arrays
-from ..datasheet import FileTable, LineCoupling, MapCoupling, NotNegative
+from ..datasheet import FileTable, LineCoupling, MapCoupling, NotNegative, optional
 from ..fpn_distributions import (
     AutoregressiveRectified,
     FpnDistribution,
@@ -27,18 +27,16 @@ from ..usual_range import PERCENT, Usual
 class PrnuFields(FileTable):
     """PRNU of the pixels."""
 
-    prnu: Annotated[NotNegative, Usual.of(0, 0.1, PERCENT)] = Field(
-        0.0,
-        description="photo response non-uniformity, a fraction of the mean",
-        examples=[0.01],
+    prnu: Annotated[NotNegative, Usual.of(0, 0.1, PERCENT)] = optional(
+        "photo response non-uniformity, a fraction of the mean", 0.01, 0.0
     )
-    prnu_distribution: Literal["gaussian", "lognormal", "ar"] = Field(
-        "gaussian", description="distribution of the pixels' gains", examples=["gaussian"]
+    prnu_distribution: Literal["gaussian", "lognormal", "ar"] = optional(
+        "distribution of the pixels' gains", "gaussian", "gaussian"
     )
-    prnu_coupling: MapCoupling = Field(
+    prnu_coupling: MapCoupling = optional(
+        "how alike gains of neighbouring pixels are, with the distribution ar: a of their autoregression",
+        0.25,
         0.0,
-        description="how alike gains of neighbouring pixels are, with the distribution ar: a of their autoregression",
-        examples=[0.25],
     )
 
     @model_validator(mode="after")
@@ -52,13 +50,11 @@ class PrnuColumnFields(FileTable):
     """Gains of the columns."""
 
     cmos_only: ClassVar[Mapping[str, float | str]] = {"prnu_col": 0.0}
-    prnu_col: Annotated[NotNegative, Usual.of(0, 0.1, PERCENT)] = Field(
-        0.0, description="spread of the column gains, σ over 1", examples=[0.002]
+    prnu_col: Annotated[NotNegative, Usual.of(0, 0.1, PERCENT)] = optional(
+        "spread of the column gains, σ over 1", 0.002, 0.0
     )
-    prnu_col_coupling: LineCoupling = Field(
-        0.0,
-        description="how alike gains of neighbouring columns are: a of their autoregression",
-        examples=[0.25],
+    prnu_col_coupling: LineCoupling = optional(
+        "how alike gains of neighbouring columns are: a of their autoregression", 0.25, 0.0
     )
 
 

@@ -26,7 +26,7 @@ from ...core import (
 from ...core.signals import Filters
 from ...core.types import NumpyArray
 from ..crosstalk import Crosstalk, CrosstalkFields
-from ..datasheet import Chance, FileTable, Nanometres, Positive
+from ..datasheet import Chance, FileTable, Nanometres, Positive, optional
 from ..diffusion import Diffusion, SpectralCurve
 from ..image_lag import BEFORE, ImageLag, ImageLagFields
 from ..polarizers import efficiencies
@@ -47,15 +47,11 @@ Fractions = tuple[Annotated[float, Field(ge=0, le=1, strict=True)], ...]
 class CurveFields(FileTable):
     """Electrons per photon, a curve per colour filter, and how the filters repeat over the sensor."""
 
-    value: Annotated[Chance | None, Usual.of(0.001, 1, PERCENT)] = Field(
-        None,
-        description="one QE for all of wavelengths_nm, instead of curves, as a fraction",
-        examples=[0.6],
+    value: Annotated[Chance | None, Usual.of(0.001, 1, PERCENT)] = optional(
+        "one QE for all of wavelengths_nm, instead of curves, as a fraction", 0.6
     )
-    file: str | None = Field(
-        None,
-        description="CSV file of the curves, instead of wavelengths_nm and curves",
-        examples=["qe.csv"],
+    file: str | None = optional(
+        "CSV file of the curves, instead of wavelengths_nm and curves", "qe.csv"
     )
     wavelengths_nm: Annotated[tuple[Positive, ...], Field(min_length=2), Nanometres] = Field(
         description="where the curves are given, increasing [nm]", examples=[[400, 700]]
@@ -66,14 +62,13 @@ class CurveFields(FileTable):
             examples=[{"mono": [0.6, 0.6]}],
         )
     )
-    tile: Annotated[tuple[tuple[str, ...], ...], Field(min_length=1)] | None = Field(
-        None,
+    tile: Annotated[tuple[tuple[str, ...], ...], Field(min_length=1)] | None = optional(
+        "rows of filter names that repeat over the sensor",
+        [["R", "G"], ["G", "B"]],
         title="colour filter array CFA, Bayer pattern",
-        description="rows of filter names that repeat over the sensor",
-        examples=[[["R", "G"], ["G", "B"]]],
     )
-    reference_nm: Annotated[Positive | None, Nanometres] = Field(
-        None, description="the wavelength of photons that come without one [nm]", examples=[550]
+    reference_nm: Annotated[Positive | None, Nanometres] = optional(
+        "the wavelength of photons that come without one [nm]", 550
     )
 
     @model_validator(mode="before")

@@ -9,23 +9,18 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 
 from ...core import Electrons, Frame, arrays
-from ..datasheet import Chance, FileTable
+from ..datasheet import Chance, FileTable, optional
 from ..stage import Datasheet, Stage
 
 
 class QuantumYieldFields(FileTable):
     """Electrons per interacting photon."""
 
-    quantum_yield: tuple[Annotated[float, Field(ge=1, strict=True)], ...] | None = Field(
-        None,
-        description="electrons per interacting photon at each wavelength, 1 in the visible",
-        examples=[[2.0, 1.0]],
+    quantum_yield: tuple[Annotated[float, Field(ge=1, strict=True)], ...] | None = optional(
+        "electrons per interacting photon at each wavelength, 1 in the visible", [2.0, 1.0]
     )
-    fano_factor: Chance = Field(
-        0.1,
-        title="Fano factor F_F",
-        description="Fano factor where the yield is above 1",
-        examples=[0.1],
+    fano_factor: Chance = optional(
+        "Fano factor where the yield is above 1", 0.1, 0.1, title="Fano factor F_F"
     )
 
     @model_validator(mode="after")

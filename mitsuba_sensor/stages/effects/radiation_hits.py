@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from ...core import Electrons, Frame, arrays
-from ..datasheet import FileTable, NotNegative
+from ..datasheet import FileTable, NotNegative, optional
 from ..stage import Datasheet, Stage
 
 WIDTH = 0.15
@@ -29,18 +29,18 @@ MEAN = float(np.euler_gamma) + math.log(2)
 class RadiationHitsFields(FileTable):
     """Charged particles that cross the sensor."""
 
-    hits_per_cm2_s: NotNegative = Field(
+    hits_per_cm2_s: NotNegative = optional(
+        "charged particles that cross the sensor [1/(cm² s)]; about 0.017 at sea level",
+        0.017,
         0.0,
         title="cosmic rays, radiation hits",
-        description="charged particles that cross the sensor [1/(cm² s)]; about 0.017 at sea level",
-        examples=[0.017],
     )
-    hit_e: Annotated[float, Field(gt=0, le=1e7, strict=True)] = Field(
+    hit_e: Annotated[float, Field(gt=0, le=1e7, strict=True)] = optional(
+        "electrons that most hits leave in their pixel [e-]; about 64 per µm of 20 µm of silicon, 75 of "
+        "300 µm",
+        1500.0,
         1500.0,
         title="most probable charge of a hit",
-        description="electrons that most hits leave in their pixel [e-]; about 64 per µm of 20 µm of silicon, 75 of "
-        "300 µm",
-        examples=[1500.0],
     )
 
 

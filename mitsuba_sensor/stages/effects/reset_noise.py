@@ -11,7 +11,7 @@ from pydantic import Field
 
 from ...core import Array, Exposure, Frame, arrays
 from ...core.units import BOLTZMANN_J_PER_K, ELEMENTARY_CHARGE_C
-from ..datasheet import FileTable
+from ..datasheet import FileTable, optional
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
 
@@ -30,11 +30,10 @@ class ResetNoiseFields(FileTable):
         description="kTC noise: hard leaves all of it, soft 1/√2, true_cds none",
         examples=["hard"],
     )
-    ktc_residual: Annotated[float, Field(ge=0, le=UNCORRELATED, strict=True)] | None = Field(
-        None,
+    ktc_residual: Annotated[float, Field(ge=0, le=UNCORRELATED, strict=True)] | None = optional(
+        "share of the kTC noise left, instead of what reset implies; √2 after uncorrelated 3T sampling",
+        0.05,
         title="CDS residue of the reset noise",
-        description="share of the kTC noise left, instead of what reset implies; √2 after uncorrelated 3T sampling",
-        examples=[0.05],
     )
 
 

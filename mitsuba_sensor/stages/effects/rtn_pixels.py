@@ -11,11 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from pydantic import Field
-
 from ...core import Array, Frame, SensorWindow, arrays
 from ...core.backend import Backend
-from ..datasheet import Chance, FileTable, NotNegative
+from ..datasheet import Chance, FileTable, NotNegative, optional
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
 
@@ -25,21 +23,17 @@ class RtnPixelsFields(FileTable):
 
     cmos_only: ClassVar[Mapping[str, float | str]] = {"rtn_pixel_fraction": 0.0}
 
-    rtn_pixel_fraction: Chance = Field(
-        0.0,
-        description="fraction of the pixels with random telegraph noise of their own",
-        examples=[0.001],
+    rtn_pixel_fraction: Chance = optional(
+        "fraction of the pixels with random telegraph noise of their own", 0.001, 0.0
     )
-    rtn_pixel_amplitude_e: NotNegative = Field(
-        0.0, description="step A of that noise, as electrons [e-]", examples=[10.0]
+    rtn_pixel_amplitude_e: NotNegative = optional(
+        "step A of that noise, as electrons [e-]", 10.0, 0.0
     )
-    rtn_pixel_duty: Chance = Field(
-        0.5, description="fraction of the time that such a trap is full", examples=[0.5]
-    )
-    rtn_pixel_switching: Chance = Field(
+    rtn_pixel_duty: Chance = optional("fraction of the time that such a trap is full", 0.5, 0.5)
+    rtn_pixel_switching: Chance = optional(
+        "probability 1 - exp(-t_s/τ) that its state is drawn anew between the two CDS samples",
+        0.2,
         1.0,
-        description="probability 1 - exp(-t_s/τ) that its state is drawn anew between the two CDS samples",
-        examples=[0.2],
     )
 
 

@@ -14,7 +14,7 @@ from ...core import Array, Electrons, Frame, SensorWindow, arrays, distributions
 from ...core.backend import Backend
 from ..dark_components import Activation, Reference, reference_temperature_k
 from ..dark_current_models import FIGURE_OF_MERIT_AT_K, arrhenius
-from ..datasheet import Chance, FileTable, Kelvin, NotNegative
+from ..datasheet import Chance, FileTable, Kelvin, NotNegative, optional
 from ..stage import Datasheet, Stage
 
 AMPLITUDE_EV, SWITCHING_EV = 0.57, 0.9
@@ -34,37 +34,28 @@ SITES = 2**14
 class RtsFields(FileTable):
     """Random telegraph signals."""
 
-    rts_fraction: Chance = Field(
-        0.0,
-        description="fraction of the pixels with a random telegraph signal",
-        examples=[0.001],
+    rts_fraction: Chance = optional(
+        "fraction of the pixels with a random telegraph signal", 0.001, 0.0
     )
-    rts_amplitude_e_per_s: NotNegative = Field(
-        0.0,
-        description="step of the telegraph signal at rts_at_temperature_k [e-/s]",
-        examples=[200],
+    rts_amplitude_e_per_s: NotNegative = optional(
+        "step of the telegraph signal at rts_at_temperature_k [e-/s]", 200, 0.0
     )
-    rts_switching: Annotated[float, Field(ge=1e-4, le=1, strict=True)] = Field(
-        0.1,
-        description="probability per frame that the state of a trap is drawn anew",
-        examples=[0.1],
+    rts_switching: Annotated[float, Field(ge=1e-4, le=1, strict=True)] = optional(
+        "probability per frame that the state of a trap is drawn anew", 0.1, 0.1
     )
-    rts_duty: Chance = Field(
-        0.5, description="fraction of the time that a trap is on", examples=[0.5]
+    rts_duty: Chance = optional("fraction of the time that a trap is on", 0.5, 0.5)
+    rts_at_temperature_k: Annotated[Reference | None, Kelvin] = optional(
+        "temperature of amplitude and switching [K]; default: at_temperature_k, or 300 K without one",
+        298.15,
     )
-    rts_at_temperature_k: Annotated[Reference | None, Kelvin] = Field(
-        None,
-        description="temperature of amplitude and switching [K]; default: at_temperature_k, or 300 K without one",
-        examples=[298.15],
-    )
-    rts_activation_ev: Activation = Field(
+    rts_activation_ev: Activation = optional(
+        "activation energy of the amplitude [eV]",
+        0.57,
         AMPLITUDE_EV,
         title="activation energy E_a, Arrhenius law",
-        description="activation energy of the amplitude [eV]",
-        examples=[0.57],
     )
-    rts_switching_activation_ev: Activation = Field(
-        SWITCHING_EV, description="activation energy of the switching rate [eV]", examples=[0.9]
+    rts_switching_activation_ev: Activation = optional(
+        "activation energy of the switching rate [eV]", 0.9, SWITCHING_EV
     )
 
 

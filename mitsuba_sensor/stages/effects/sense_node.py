@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Self
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from ...core import Array, Electrons, Frame, arrays
-from ..datasheet import Chance, FileTable, Positive
+from ..datasheet import Chance, FileTable, Positive, optional
 from ..gains import sense_gain_v_per_e, ve_nonlinearity_at_full_well
 from ..stage import Datasheet, Stage
 from ..usual_range import MV_TO_V, VOLTS_TO_UV, Usual
@@ -21,35 +21,32 @@ OF_VOLTS = (
 class SenseNodeFields(FileTable):
     """The overall system gain, and the conversion gain of the sense node."""
 
-    gain_dn_per_e: Annotated[Positive | None, Usual.of(1e-4, 1e3)] = Field(
-        None,
+    gain_dn_per_e: Annotated[Positive | None, Usual.of(1e-4, 1e3)] = optional(
+        "overall system gain K, instead of adc.full_scale_v; one over e- per DN of a data sheet [DN/e-]",
+        0.1225,
         title="overall system gain K (E), as given",
-        description="overall system gain K, instead of adc.full_scale_v; one over e- per DN of a data sheet [DN/e-]",
-        examples=[0.1225],
     )
 
-    sense_gain_uv_per_e: Annotated[Positive | None, Usual.of(0.1, 1e3, VOLTS_TO_UV)] = Field(
-        None,
-        description="sense node conversion gain A_SN, or ve_k1_c; any if gain_dn_per_e is given [µV/e-]",
-        examples=[5.0],
+    sense_gain_uv_per_e: Annotated[Positive | None, Usual.of(0.1, 1e3, VOLTS_TO_UV)] = optional(
+        "sense node conversion gain A_SN, or ve_k1_c; any if gain_dn_per_e is given [µV/e-]",
+        5.0,
     )
-    v_ref_v: Annotated[Positive, Usual.of(0.3, 30, MV_TO_V)] = Field(
+    v_ref_v: Annotated[Positive, Usual.of(0.3, 30, MV_TO_V)] = optional(
+        "reference voltage of the sense node V_REF [V]",
+        3.1,
         3.1,
         title="reference voltage V_REF",
-        description="reference voltage of the sense node V_REF [V]",
-        examples=[3.1],
     )
-    ve_nonlinearity: Chance = Field(
+    ve_nonlinearity: Chance = optional(
+        "V/e- non-linearity α of the sense node, 0 is linear",
+        1.0,
         0.0,
         title="V/e- non-linearity α",
-        description="V/e- non-linearity α of the sense node, 0 is linear",
-        examples=[1.0],
     )
-    ve_k1_c: Positive | None = Field(
-        None,
+    ve_k1_c: Positive | None = optional(
+        "k₁ of Konnik & Welsh 2014, eq. 8: A_SN is V_REF·q/k₁, instead of sense_gain_uv_per_e [C]",
+        10.909e-15,
         title="k₁ (K)",
-        description="k₁ of Konnik & Welsh 2014, eq. 8: A_SN is V_REF·q/k₁, instead of sense_gain_uv_per_e [C]",
-        examples=[10.909e-15],
     )
 
     @model_validator(mode="after")

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Self
 from pydantic import Field, model_validator
 
 from ...core import CountedElectrons, Electrons, Frame, arrays
-from ..datasheet import FileTable, Positive
+from ..datasheet import FileTable, Positive, optional
 from ..stage import Datasheet, ElectronCounter
 
 Share = Annotated[float, Field(gt=0, le=0.9999, strict=True)]
@@ -26,12 +26,12 @@ class ResetFields(FileTable):
 
     partial_resets: Annotated[
         tuple[tuple[Share, Positive], ...], Field(max_length=MOST_RESETS)
-    ] = Field(
+    ] = optional(
+        "partial resets during the exposure, which make the response piecewise linear: share of the "
+        "exposure time, and the electrons that the reset leaves [e-]",
+        [[0.9, 8000]],
         (),
         title="piecewise-linear response, knee, multi-slope, well reset",
-        description="partial resets during the exposure, which make the response piecewise linear: share of the "
-        "exposure time, and the electrons that the reset leaves [e-]",
-        examples=[[[0.9, 8000]]],
     )
 
     @model_validator(mode="after")

@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from ...core import Array, Frame
-from ..datasheet import FileTable, Positive
+from ..datasheet import FileTable, Positive, optional
 from ..gains import full_well_at_node_v
 from ..stage import Datasheet, LinearGain, Stage
 
@@ -16,14 +16,12 @@ from ..stage import Datasheet, LinearGain, Stage
 class SourceFollowerFields(FileTable):
     """Gain of the pixel's amplifier."""
 
-    gain: Positive = Field(
-        1.0, description="gain of the source follower A_SF [V/V]", examples=[1.0]
-    )
-    vv_nonlinearity: Annotated[float, Field(gt=0.5, strict=True)] = Field(
+    gain: Positive = optional("gain of the source follower A_SF [V/V]", 1.0, 1.0)
+    vv_nonlinearity: Annotated[float, Field(gt=0.5, strict=True)] = optional(
+        "V/V non-linearity γ: gain at full well over gain at zero",
+        1.05,
         1.0,
         title="V/V non-linearity γ",
-        description="V/V non-linearity γ: gain at full well over gain at zero",
-        examples=[1.05],
     )
 
 
@@ -76,9 +74,7 @@ class NonlinearSourceFollower(Stage):
 class CdsGainFields(FileTable):
     """Gain of the CDS amplifier."""
 
-    cds_gain: Positive = Field(
-        1.0, description="gain of the CDS amplifier A_CDS [V/V]", examples=[1.0]
-    )
+    cds_gain: Positive = optional("gain of the CDS amplifier A_CDS [V/V]", 1.0, 1.0)
 
 
 @dataclass(frozen=True)

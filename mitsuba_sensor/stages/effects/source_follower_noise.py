@@ -13,7 +13,7 @@ from ...core import Array, Frame, SensorWindow, arrays
 from ...core.backend import Backend
 from ...core.noise_distributions import NoiseDistribution, StudentT, TukeyLambda
 from ...core.special import EULER_GAMMA, integral, sinh_integrals, two_term_remainder
-from ..datasheet import Chance, FileTable, NotNegative, Positive
+from ..datasheet import Chance, FileTable, NotNegative, Positive, optional
 from ..fpn_distributions import LogNormal
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, ElectronMaps
@@ -46,33 +46,29 @@ class SourceFollowerNoiseFields(FileTable):
     """Noise of the pixel's amplifier, from its densities (closed form) or as the datasheet's one number."""
 
     cmos_only: ClassVar[Mapping[str, float | str]] = {"rtn_uv": 0.0}
-    read_noise_e: Annotated[NotNegative | None, Usual(0.05, 500)] = Field(
-        None,
-        description="read noise as a datasheet gives it, instead of white_nv_per_rthz [e- rms]",
-        examples=[3],
+    read_noise_e: Annotated[NotNegative | None, Usual(0.05, 500)] = optional(
+        "read noise as a datasheet gives it, instead of white_nv_per_rthz [e- rms]", 3
     )
-    read_noise_cv: Annotated[NotNegative, Field(le=LARGEST_CV)] = Field(
+    read_noise_cv: Annotated[NotNegative, Field(le=LARGEST_CV)] = optional(
+        "spread of the read noise over pixels: σ over mean of a log-normal law; their rms stays as given",
+        0.3,
         0.0,
-        description="spread of the read noise over pixels: σ over mean of a log-normal law; their rms stays as given",
-        examples=[0.3],
     )
-    noisy_pixel_fraction: Chance = Field(
+    noisy_pixel_fraction: Chance = optional(
+        "fraction of the pixels whose read noise is noisy_pixel_factor times that of the others; the rms "
+        "of all stays as given",
+        0.02,
         0.0,
         title="noisy pixels, high-RTS pixels",
-        description="fraction of the pixels whose read noise is noisy_pixel_factor times that of the others; the rms "
-        "of all stays as given",
-        examples=[0.02],
     )
-    noisy_pixel_factor: Annotated[float, Field(ge=1, le=1000, strict=True)] = Field(
-        1.0,
-        description="read noise of the noisy pixels over that of the others",
-        examples=[3.0],
+    noisy_pixel_factor: Annotated[float, Field(ge=1, le=1000, strict=True)] = optional(
+        "read noise of the noisy pixels over that of the others", 3.0, 1.0
     )
-    read_noise_distribution: Literal["normal", "tukey_lambda", "student"] = Field(
+    read_noise_distribution: Literal["normal", "tukey_lambda", "student"] = optional(
+        "distribution of the read noise; its σ stays as given",
+        "tukey_lambda",
         "normal",
         title="heavy tails, Tukey-lambda distribution λ, Student's t distribution ν",
-        description="distribution of the read noise; its σ stays as given",
-        examples=["tukey_lambda"],
     )
     read_noise_shape: float | None = Field(
         None,
@@ -81,43 +77,37 @@ class SourceFollowerNoiseFields(FileTable):
         "freedom of student, 2.5 to 1000",
         examples=[-0.1],
     )
-    white_nv_per_rthz: Annotated[NotNegative | None, Usual.of(0.1, 1e3, VOLTS_TO_NV)] = Field(
-        None,
-        title="white noise density W(f)",
-        description="white noise density W_f, instead of read_noise_e [nV/√Hz]",
-        examples=[15],
+    white_nv_per_rthz: Annotated[NotNegative | None, Usual.of(0.1, 1e3, VOLTS_TO_NV)] = (
+        optional(
+            "white noise density W_f, instead of read_noise_e [nV/√Hz]",
+            15,
+            title="white noise density W(f)",
+        )
     )
-    corner_hz: NotNegative = Field(
-        0.0,
-        title="1/f noise, flicker noise, f_c",
-        description="flicker corner frequency f_c [Hz]",
-        examples=[1e6],
+    corner_hz: NotNegative = optional(
+        "flicker corner frequency f_c [Hz]", 1e6, 0.0, title="1/f noise, flicker noise, f_c"
     )
-    cds_sample_s: CdsTime = Field(
+    cds_sample_s: CdsTime = optional(
+        "time between the two CDS samples t_s [s]",
+        1e-6,
         1e-6,
         title="correlated double sampling CDS, t_s",
-        description="time between the two CDS samples t_s [s]",
-        examples=[1e-6],
     )
-    cds_dominant_s: CdsTime = Field(
+    cds_dominant_s: CdsTime = optional(
+        "dominant time constant of the CDS τ_D [s]",
+        0.5e-6,
         0.5e-6,
         title="CDS time constant τ_D",
-        description="dominant time constant of the CDS τ_D [s]",
-        examples=[0.5e-6],
     )
-    rtn_uv: NotNegative = Field(
+    rtn_uv: NotNegative = optional(
+        "random telegraph step ΔV [µV]",
+        0.0,
         0.0,
         title="random telegraph noise RTN of the source follower, ΔV",
-        description="random telegraph step ΔV [µV]",
-        examples=[0.0],
     )
-    rtn_s: Positive = Field(
-        1e-6, description="random telegraph time constant [s]", examples=[1e-6]
-    )
-    band_hz: tuple[NotNegative, Positive] | None = Field(
-        None,
-        description="finite noise band [Hz] instead of all frequencies",
-        examples=[[1.0, 20e6]],
+    rtn_s: Positive = optional("random telegraph time constant [s]", 1e-6, 1e-6)
+    band_hz: tuple[NotNegative, Positive] | None = optional(
+        "finite noise band [Hz] instead of all frequencies", [1.0, 20e6]
     )
 
     @model_validator(mode="after")

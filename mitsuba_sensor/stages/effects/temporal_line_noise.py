@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-from pydantic import Field
-
 from ...core import Array, Frame
-from ..datasheet import FileTable, NotNegative
+from ..datasheet import FileTable, NotNegative, optional
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
 
@@ -16,27 +14,23 @@ from ..stage import Datasheet, Stage
 class TemporalRowNoiseFields(FileTable):
     """Noise that the pixels of a row share."""
 
-    row_noise_e: NotNegative = Field(
-        0.0, description="temporal row noise σ_row [e- rms]", examples=[0.3]
-    )
+    row_noise_e: NotNegative = optional("temporal row noise σ_row [e- rms]", 0.3, 0.0)
 
 
 class TemporalColumnNoiseFields(FileTable):
     """Noise that the pixels of a column share."""
 
-    column_noise_e: NotNegative = Field(
-        0.0, description="temporal column noise σ_col [e- rms]", examples=[0.2]
-    )
+    column_noise_e: NotNegative = optional("temporal column noise σ_col [e- rms]", 0.2, 0.0)
 
 
 class TemporalFrameNoiseFields(FileTable):
     """Noise that all pixels of a frame share."""
 
-    frame_noise_e: NotNegative = Field(
+    frame_noise_e: NotNegative = optional(
+        "jitter of the black level: σ of an offset of the whole frame, new in each frame [e- rms]",
+        0.3,
         0.0,
         title="jitter of the black level, frame-to-frame offset",
-        description="jitter of the black level: σ of an offset of the whole frame, new in each frame [e- rms]",
-        examples=[0.3],
     )
 
 
