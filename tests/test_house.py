@@ -490,7 +490,7 @@ TOKENS_MAX = {
     "examples": 8792,
     "files": 18696,
     "gradient": 4239,
-    "lab": 68935,
+    "lab": 68934,
     "optics": 17358,
     "output": 24845,
     "pages": 3425,
@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13969,
     "stages": 32256,
     "study": 9186,
-    "tests": 355857,
+    "tests": 355977,
     "theory": 14644,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
