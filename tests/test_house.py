@@ -490,7 +490,7 @@ TOKENS_MAX = {
     "examples": 8792,
     "files": 18696,
     "gradient": 4239,
-    "lab": 68934,
+    "lab": 68955,
     "optics": 17358,
     "output": 24845,
     "pages": 3425,
