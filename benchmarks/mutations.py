@@ -56,7 +56,7 @@ MUTATIONS = (
     Mutation("stages", "exposure.time_s * dark_current_model(camera)", "dark_current_model(camera)", f"{SENSOR}/test_table1.py"),
     Mutation("stages", "hits * frame.number(self.mean_e) + spread + 0.5", "hits * frame.number(self.mean_e) - spread + 0.5", f"{EFFECTS}/test_radiation_hits.py moyal"),
     Mutation("stages", "- knee * arrays.log1p(fall)", "+ knee * arrays.log1p(fall)", f"{EFFECTS}/test_full_well.py"),
-    Mutation("stages", "1 - (1 - self.duty) * anew", "1 - self.duty * anew", f"{EFFECTS}/test_rts_pixels.py"),
+    Mutation("stages", "1 - (1 - self.duty) * redrawn", "1 - self.duty * redrawn", f"{EFFECTS}/test_rts_pixels.py"),
     Mutation("stages", "integral[2:] - 2 * integral[1:-1] + integral[:-2]", "integral[2:] - integral[1:-1]", f"{EFFECTS}/test_diffusion.py"),
     Mutation("stages", "frame.number(1 - begin) * mean_e", "frame.number(begin) * mean_e", f"{EFFECTS}/test_partial_resets.py"),
     Mutation("stages", "mean_square *= 1 + self.cv**2", "mean_square *= 1 + self.cv", f"{LAW} read"),

@@ -1,4 +1,4 @@
-"""The program mitsuba-sensor, also as ``python -m mitsuba_sensor``."""
+"""The program mitsuba-sensor, or ``python -m mitsuba_sensor``."""
 
 import sys
 
@@ -7,12 +7,12 @@ from .stopping import stop_at_signals
 
 
 def main() -> None:
-    """Run the command line. It can be stopped from here on, before anything else is imported."""
+    """Run the command line, which signals can stop even during imports."""
     stop_at_signals()
     from .files.output_pipe import outlast_readers
 
     outlast_readers()
-    if sys.argv[1:] == ["--version"]:  # at once: the command line takes a while to load
+    if sys.argv[1:] == ["--version"]:  # without loading the command line
         sys.stdout.write(f"mitsuba-sensor {__version__}\n")
         return
     from .cli import app

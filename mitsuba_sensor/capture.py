@@ -1,4 +1,4 @@
-"""From a scene, or from light that is rendered already, to raw frames and their files: read from top to bottom."""
+"""Raw frames of a scene, or of rendered light, and their files."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ from .timed_frames import TimedFrame, series_facts, write_video
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Capture:
-    """Frames of a camera, and what they were made from.
+    """Frames of a camera, with their light and metadata.
 
     ::
 
@@ -62,12 +62,11 @@ class Capture:
         print(captured.frames.digital.mean(), captured.metadata["seeds"])
 
     frames : the raw frames, ``frames.digital`` (N, H, W) [DN].
-    light, photons : irradiance at the focal plane with its ``lights``, mean photons per pixel; of the first frame where
-        each has its own.
+    light, photons : irradiance at the focal plane with its ``lights``, and mean photons per pixel, of the first frame.
     aovs : depth, normals, … of the same pixels, if asked for.
-    timed : the frames one by one, where they follow each other in time (``fps``).
-    metadata : what is written as frame.json: camera, exposure, options, seeds, theory beside frame, render statistics.
-    sensors : with ``sensor="all"`` the capture of each sensor by its name, of which this one is the first; else none.
+    timed : the frames one by one, if they follow each other in time (``fps``).
+    metadata : contents of frame.json: camera, exposure, options, seeds, theory and frame, render statistics.
+    sensors : with ``sensor="all"`` the capture of each sensor by its name, this one first; else empty.
     """
 
     frames: Frames
@@ -93,14 +92,14 @@ class Capture:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on what may surprise, as the command line prints them; of the first frame's light and exposure."""
+        """Notes on the light and exposure of the first frame, as the command line prints them."""
         return tuple(self.metadata["notes"])
 
     def save(self, folder: str | os.PathLike[str]) -> None:
-        """Write frame.tiff, frame.png, frame.json, irradiance.exr if it was rendered, and what else was asked for; of
-        several sensors each into a folder of its name.
+        """Write frame.tiff, frame.png, frame.json, irradiance.exr if rendered, and other files asked for.
 
-        All of them appear, or none; files of an older capture that this one does not have go. Raises InputError.
+        Several sensors get a folder each. Either all files appear or none; other files of an older capture are
+        removed. Raises InputError.
         """
         if self.sensors:
             with output_folders(folder, self.sensors, CAPTURE_FILES) as folders:
@@ -112,7 +111,7 @@ class Capture:
             self.write(scratch)
 
     def write(self, folder: Path) -> None:
-        """Write these files into an empty folder, one by one."""
+        """Write these files into an empty folder."""
         options, metadata = self.metadata["options"], self.metadata
         gain = float(options["preview_gain"])
         if options["clean"]:
@@ -156,13 +155,13 @@ def capture(
         captured = ms.capture("cornell_box", "bayer_2mp", ms.Exposure(0.1), width=64)
         captured.save("out/")
 
-    source : a scene (a file, or a name from ``mitsuba-sensor scenes list``), or light that is there already: an
-        irradiance.exr, or what :func:`render` returned.
-    camera, exposure : what is not given is read from the scene's <film type="photosensor">, or is what the light was
-        rendered for, and so is its serial number; else konnik_table1, as a note says, and a metered exposure ("auto").
-    progress : None says every ten seconds on stderr how far it is; False says nothing; a
-        function is called with a :class:`render.passes.stop_criterion.RenderProgress` after every pass and frame.
-    With ``sensor="all"`` every sensor of the scene takes a frame of the same instant: ``captured.sensors["left"]``.
+    source : a scene (a file, or a name from ``mitsuba-sensor scenes list``), or rendered light: an irradiance.exr, or
+        the result of :func:`render`.
+    camera, exposure : default: those of the scene's <film type="photosensor">, or those that the light was rendered
+        for, with their serial number; else konnik_table1 with a note, and a metered exposure ("auto").
+    progress : None reports on stderr every ten seconds; False is silent; a function is called with a
+        :class:`render.passes.stop_criterion.RenderProgress` after every pass and frame.
+    With ``sensor="all"`` every sensor of the scene takes a frame at the same instant: ``captured.sensors["left"]``.
     Everything is checked before the first ray is traced. Raises InputError.
     """
     chosen, asked = camera_of(camera), complete(CaptureOptions, options)
@@ -178,7 +177,7 @@ def capture(
 
 
 class SensorView(NamedTuple):
-    """A scene as one of its sensors sees it, and what it is rendered for; None for what the scene says."""
+    """A scene of one of its sensors, and the camera and exposure; None for those of the scene."""
 
     scene: ParsedScene
     camera: Camera | None
@@ -188,12 +187,12 @@ class SensorView(NamedTuple):
 def capture_sensors(
     views: Mapping[str, SensorView], options: CaptureOptions, progress: Progress | None
 ) -> Capture:
-    """A capture of each sensor of a scene, by name, one after the other and of the same instant. Raises InputError."""
+    """Capture each sensor of a scene at the same instant. Raises InputError."""
     refuse_one_place(views, options["look_at"], options["motion"])
     if options["luminance"] is not None and len(views) > 1:
         raise InputError(
-            f"luminance is {options['luminance']:g} and {len(views)} sensors ({', '.join(views)}) would each scale the "
-            "light by their own picture; take one sensor, and multiply the emitters in the scene by its light_scale."
+            f"luminance is {options['luminance']:g}, but each of {len(views)} sensors ({', '.join(views)}) would scale "
+            "the light by its own picture; use one sensor, and multiply the emitters of the scene by its light_scale."
         )
     captures = dict[str, Capture]()
     for name, view in views.items():
@@ -203,13 +202,13 @@ def capture_sensors(
 
 
 def _is_light(source: Scene | Light) -> bool:
-    """Whether it is rendered already."""
+    """Return whether the source is rendered light."""
     is_file = isinstance(source, str | os.PathLike)
     return isinstance(source, Irradiance) or (is_file and is_exr(cast(str, source)))
 
 
 def _captured(request: Request) -> Capture:
-    """The light, the frames and the files that are asked for."""
+    """Return the capture of one sensor."""
     if _is_light(request.source):
         exposed = expose_light(request)
     elif request.options["render_noise"] == "shared":
@@ -228,9 +227,9 @@ def _captured(request: Request) -> Capture:
 
 
 def frame_metadata(exposed: Exposed, times_s: dict[str, float]) -> dict[str, Any]:
-    """The whole of frame.json: what a frame was made of, and what theory says of it, stage by stage.
+    """Return the contents of frame.json.
 
-    times_s : seconds by step, to which this one is added.
+    times_s : seconds by step, to which this step is added.
     """
     frames, light, options = exposed.frames, exposed.light, exposed.options
     with timed(times_s, "report"):
@@ -268,9 +267,9 @@ def frame_metadata(exposed: Exposed, times_s: dict[str, float]) -> dict[str, Any
 
 
 def sensor_facts(exposed: Exposed) -> dict[str, object] | None:
-    """The sensor of the scene that took the frames, where it was and when; None for light that was rendered before.
+    """Return the sensor of the scene that took the frames; None for light that was rendered before.
 
-    to_world : pose, 4×4 with lengths in metres, when the first frame began.  start_s : when that was [s].
+    to_world : pose, 4×4 with lengths in metres, at the start of the first frame.  start_s : time of that start [s].
     """
     if exposed.render is None:
         return None

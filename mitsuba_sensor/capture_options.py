@@ -1,4 +1,4 @@
-"""The options of a capture: those of render and exposure, and which files it writes."""
+"""The options of a capture: those of render and exposure, and of files."""
 
 # Without `from __future__ import annotations`: core/options.py reads these declarations at run time.
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ def _checked_lights(name: str, value: object) -> object:
 
 
 class LevelOptions(TypedDict, total=False):
-    """How bright the lamps of light groups are."""
+    """Levels of light groups."""
 
     lights: Annotated[
         Mapping[str, "float | str | Waveform"] | None,
@@ -47,7 +47,7 @@ class LevelOptions(TypedDict, total=False):
 
 
 class LightOptions(FrameOptions, LevelOptions, total=False):
-    """The options of :func:`capture` for irradiance that is rendered already, and of ``mitsuba-sensor expose``."""
+    """The options of :func:`capture` for rendered light, and of ``mitsuba-sensor expose``."""
 
     auto_exposure: Annotated[
         "str | AutoExposure | None",
@@ -126,29 +126,28 @@ class CaptureOptions(RenderOptions, LightOptions, total=False):
 
 
 def refuse_render_options(options: Mapping[str, object]) -> None:
-    """Raise InputError for options of a render where the light is rendered already."""
+    """Raise InputError for options of a render if the light is rendered already."""
     of_light = {
         one.name for kind in (LightOptions, RawLightOptions) for one in declared(kind)
     } | {"gain"}
     for one in declared(CaptureOptions):
         usual = one.option.default
         value = options.get(one.name, usual)
-        if one.name not in of_light and not (
-            isinstance(value, type(usual)) and value == usual
-        ):  # value: any object
+        is_usual = isinstance(value, type(usual)) and value == usual
+        if one.name not in of_light and not is_usual:
             raise InputError(
-                f"{one.name} is for the render of a scene, and this light is rendered already; leave it out."
+                f"{one.name} is for the render of a scene, but this light is rendered already; omit it."
             )
 
 
 def check_asked_files(options: CaptureOptions) -> None:
-    """Raise InputError for files that cannot be written, and frames that cannot be made, whatever the scene."""
+    """Raise InputError for contradictory options of files and frames."""
     times = FrameTimes.of(options)
     if options["auto_exposure"] is not None and times.period_s is None:
         raise InputError(
-            "auto_exposure is for frames that follow each other; give --fps (fps=30), or leave it out."
+            "auto_exposure needs a series of frames; give fps, e.g. 30, or omit auto_exposure."
         )
     if options["half"] and options["no_irradiance"]:
         raise InputError(
-            "half is the precision of irradiance.exr, which is not to be written; leave one of both out."
+            "half is the precision of irradiance.exr, but no_irradiance is given; omit one of them."
         )

@@ -1,4 +1,4 @@
-"""Light in, raw frames out: expose(), stream() and Sensor, of mean photons or of the irradiance of a render."""
+"""Raw frames of mean photons, or of the irradiance of a render: expose(), stream() and Sensor."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from .theory.plan import prepare_planned_exposure
 from .timed_frames import TimedFrame, frames_in_time, joined
 
 RECENT = KeptMaps(RECENT_BYTES, guaranteed=False)
-"""FPN maps of the cameras that :func:`expose` had last."""
+"""FPN maps of the last cameras of :func:`expose`."""
 FIXED = ("serial", "maps")
 """Options that belong to a :class:`Sensor`."""
 COUNTING = threading.Lock()
-"""Held while frames are numbered, so that threads which share a sensor never take the same one."""
-atexit.register(RECENT.clear)  # before Dr.Jit, which owns some of them, is gone
+"""Held while frames are numbered, so that threads with the same sensor never take the same number."""
+atexit.register(RECENT.clear)  # before Dr.Jit ends, which owns some of them
 
 
 @documents(ExposeOptions)
@@ -48,7 +48,7 @@ def expose(
     progress: bool | None = None,
     **options: Unpack[ExposeOptions],
 ) -> Frames:
-    """Raw frames that ``camera`` delivers for these mean photons per pixel.
+    """Return the raw frames of ``camera`` for these mean photons per pixel.
 
     ::
 
@@ -56,12 +56,12 @@ def expose(
         frames = ms.expose(photons, "konnik_table1", ms.Exposure(0.01), frames=2)
         frames.digital.shape  # (2, 48, 64)
 
-    photons : what :func:`collect` returns, or an array: a scalar (the whole sensor), (H, W), or (H, W, B) with
-        ``wavelengths_nm`` of length B. Or the Irradiance itself, which is collected: then camera, exposure and serial
-        number are by default those that it was rendered for, and the exposure may be "auto" (metered).
-    progress : None says every ten seconds on stderr how many frames are done; False does not.
-    A SensorWarning says where the result is probably not the one that was wanted; the frames' ``notes`` say it too.
-    Raises InputError for NaN or negative photons, naming how many there are and where the first one is.
+    photons : the result of :func:`collect`, or an array: a scalar (the whole sensor), (H, W), or (H, W, B) with
+        ``wavelengths_nm`` of length B. Or an Irradiance, which is collected: then camera, exposure and serial number
+        are by default those that it was rendered for, and the exposure may be "auto" (metered).
+    progress : None reports on stderr every ten seconds; False is silent.
+    Notes on probable mistakes are given as SensorWarning and in the frames' ``notes``.
+    Raises InputError for NaN or negative photons, with their number and the position of the first.
     """
     chosen = complete(ExposeOptions, options)
     prepared = prepare_light(photons, camera_of(camera), exposure, chosen)
@@ -83,7 +83,7 @@ def expose(
 def told_frames(
     sensor: PreparedExposure, name: str, progress: bool | None
 ) -> Iterator[PreparedExposure]:
-    """The exposure; of several frames it says how many are done.  name : of the function that the user called."""
+    """Yield the exposure, which reports progress for several frames.  name : of the function that the user called."""
     if not is_asked(progress) or sensor.count == 1:
         yield sensor
         return
@@ -104,14 +104,14 @@ def stream(
     exposure: AskedExposure | None = None,
     **options: Unpack[ExposeOptions],
 ) -> Iterator[NDArray[np.unsignedinteger]]:
-    """The frames of :func:`expose` one at a time, each (H, W) [DN]: for more of them than memory holds.
+    """Yield the frames of :func:`expose` one at a time, each (H, W) [DN], for more frames than memory holds.
 
     ::
 
         for number, frame in enumerate(ms.stream(photons, camera, exposure, frames=3)):
             print(number, frame.mean())
 
-    Everything is checked at once; light and maps are made with the first frame that is asked for.
+    Arguments are checked at once; light and maps are computed with the first frame.
     """
     chosen = complete(ExposeOptions, options)
     sensor = prepare_light(photons, camera_of(camera), exposure, chosen)
@@ -125,7 +125,7 @@ def stream(
 def in_time(
     sensor: PreparedExposure, light: object, options: ExposeOptions
 ) -> Iterator[TimedFrame] | None:
-    """Frames of lamps that flicker, each in the light of its time; None of others, and of one that shows no other."""
+    """Return the frames of flickering lamps, each in the light of its time; None for other light or a single frame."""
     several = sensor.count > 1 or sensor.camera.quantum_efficiency.image_lag > 0
     if not several or FrameTimes.of(options).period_s is None:
         return None
@@ -140,7 +140,7 @@ def prepare_light(
     exposure: AskedExposure | None,
     options: ExposeOptions,
 ) -> PreparedExposure:
-    """An exposure with its light, which is collected where it is the irradiance of a render. Raises InputError.
+    """Return an exposure with its light, collected if it is an Irradiance. Raises InputError.
 
     options : completed.
     """
@@ -161,7 +161,7 @@ def prepare_light(
 
 
 class Sensor:
-    """A camera, ready to expose: what :func:`expose` makes anew in each call is made once and kept.
+    """A camera that keeps what :func:`expose` computes in each call.
 
     ::
 
@@ -169,19 +169,18 @@ class Sensor:
         for photons in scenes:
             frames = sensor.expose(photons, exposure)
 
-    A sensor counts its frames: a call without ``first_frame`` goes on behind all frames taken before, so that no two
-    frames share their temporal noise. They are those of
-    ``ms.expose(photons, camera, exposure, serial=7, first_frame=n)``, byte for byte, where n was
-    ``sensor.frames_taken``. Set that to 0, or pass ``first_frame``, to take the same frames again.
+    A sensor numbers its frames: a call without ``first_frame`` continues after all frames taken before, so no two
+    frames have the same temporal noise. Frames are equal to those of
+    ``ms.expose(photons, camera, exposure, serial=7, first_frame=n)``, n being ``sensor.frames_taken`` before. Set that
+    to 0, or pass ``first_frame``, to take the same frames again.
 
-    One set of FPN maps is kept for each shape, origin, backend and precision that was asked for, the last ones up to
-    ``most_bytes``.
+    The sensor keeps FPN maps for each shape, origin, backend and precision, the last used up to ``most_bytes``.
 
     camera : a :class:`Camera`.  serial : its serial number, which selects its fixed-pattern noise.
-    maps : measured FPN maps in place of the serial number's own, as of :func:`expose`.
-    most_bytes : memory for maps [byte]; what was used least recently is dropped beyond it.
-    frames_taken : number of the frame behind the last one taken so far; it can be set.
-    Raises InputError where :func:`expose` does.
+    maps : measured FPN maps instead of those of the serial number, as in :func:`expose`.
+    most_bytes : memory for maps [byte]; the least recently used are dropped beyond it.
+    frames_taken : number of the next frame; it can be set.
+    Raises InputError as :func:`expose` does.
     """
 
     def __init__(
@@ -209,7 +208,7 @@ class Sensor:
         return self._kept.bytes
 
     def clear(self) -> None:
-        """Forget all FPN maps; the next call makes them again. The count of the frames goes on."""
+        """Drop all FPN maps; the next call makes them again. The numbering of frames continues."""
         self._kept.clear()
 
     @documents(ExposeOptions)
@@ -221,7 +220,7 @@ class Sensor:
         progress: bool | None = None,
         **options: Unpack[ExposeOptions],
     ) -> Frames:
-        """Raw frames of these mean photons per pixel, as of :func:`expose`; by default those behind the last ones."""
+        """Return raw frames as :func:`expose`, by default the next ones."""
         frames = self.frames(photons, exposure, options, progress)
         warn_of(frames.exposure_notes)
         return frames
@@ -233,15 +232,13 @@ class Sensor:
         options: ExposeOptions,
         progress: bool | None = False,
     ) -> Frames:
-        """What :meth:`expose` returns, without a warning."""
+        """Return the frames of :meth:`expose`, without a warning."""
         made, before = self._counted(photons, exposure, options)
         try:
             with told_frames(made, "Sensor.expose", progress) as sensor:
                 return Frames.exposed(sensor)
         except Exception:
-            with (
-                COUNTING
-            ):  # a frame not taken has no number, unless another thread has gone on from it
+            with COUNTING:  # give the numbers back, unless another thread has continued
                 if self.frames_taken == made.first.index + made.count:
                     self.frames_taken = before
             raise
@@ -255,7 +252,7 @@ class Sensor:
         exposure: Exposure,
         **options: Unpack[ExposeOptions],
     ) -> Iterator[NDArray[np.unsignedinteger]]:
-        """The frames one at a time, as of :func:`stream`; all of them count as taken from now on."""
+        """Yield the frames one at a time as :func:`stream`; all of them count as taken at once."""
         made = self._counted(photons, exposure, options)[0]
         frames = made.stream()
         warn_of(made.notes)
@@ -264,7 +261,7 @@ class Sensor:
     def _counted(
         self, photons: Any, exposure: Exposure, options: ExposeOptions
     ) -> tuple[PreparedExposure, int]:
-        """Ready to take the next frames, which nobody else takes from now on, and ``frames_taken`` before these."""
+        """Return the exposure of the next frames, which are now reserved, and ``frames_taken`` before them."""
         with COUNTING:
             made, before = self._prepared(photons, exposure, options), self.frames_taken
             self.frames_taken = max(before, made.first.index + made.count)
@@ -276,7 +273,7 @@ class Sensor:
         for name in FIXED:
             if name in options:
                 raise InputError(
-                    f"{name} belongs to the sensor; pass it to Sensor(camera, …), or use expose."
+                    f"{name} is fixed for a Sensor; pass it to Sensor(camera, …), or use expose."
                 )
         begin: ExposeOptions = {"first_frame": self.frames_taken}
         own: ExposeOptions = {**begin, **options, "serial": self.serial, "maps": self.maps}
@@ -284,7 +281,7 @@ class Sensor:
         prepared = prepare_light(photons, self.camera, exposure, given)
         if in_time(prepared, photons, given):
             raise InputError(
-                "a Sensor has one light for all frames of a call, and this one flickers; expose them one by one, or "
-                "use ms.expose."
+                "a Sensor has the same light for all frames of a call, but this light flickers; expose them one by "
+                "one, or use ms.expose."
             )
         return self._kept.lend(prepared)

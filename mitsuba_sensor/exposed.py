@@ -1,7 +1,4 @@
-"""The frames of a capture: of light that is rendered already, of one render, of a render for each frame.
-
-Read from top to bottom: what is asked for (:class:`Request`), what comes of it (:class:`Exposed`), and the three ways.
-"""
+"""The frames of a capture: of rendered light, of one render, or of a render for each frame."""
 
 from __future__ import annotations
 
@@ -45,10 +42,10 @@ Light: TypeAlias = str | os.PathLike[str] | Irradiance
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """What a capture is asked for.
+    """Arguments of a capture.
 
-    camera, exposure : None for those of the scene or the light.  options : all of them.
-    times_s : wall-clock seconds of each step, noted as they end.
+    camera, exposure : None for those of the scene or the light.  options : completed.
+    times_s : collects the wall-clock seconds of each step.
     """
 
     source: Scene | Light
@@ -61,9 +58,9 @@ class Request:
 
 @dataclass(frozen=True, eq=False)
 class Exposed:
-    """Frames, and the light that they were exposed to.
+    """Frames and their light.
 
-    origin : where the light comes from, for the metadata.  options : with the serial number that was taken.
+    origin : of the light, for the metadata.  options : with the serial number of the light.
     render : of the scene; None for light that was rendered before.  timed : frames that follow each other in time.
     """
 
@@ -76,7 +73,7 @@ class Exposed:
 
 
 def expose_light(request: Request) -> Exposed:
-    """Frames of light that is rendered already."""
+    """Expose light that is rendered already."""
     refuse_render_options(request.options)
     source = cast(Light, request.source)
     path = None if isinstance(source, Irradiance) else Path(source)
@@ -110,7 +107,7 @@ def expose_light(request: Request) -> Exposed:
 
 
 def render_once(request: Request) -> Exposed:
-    """One render of a scene, and all frames of it; where something moves in time, a render for each."""
+    """Expose one render of a scene, or a render for each frame if something moves in time."""
     options, progress = request.options, request.progress
     times = FrameTimes.of(options)
     rendering = part_of(RenderOptions, options)
@@ -142,7 +139,7 @@ def render_once(request: Request) -> Exposed:
 
 
 def metered_at(light: Irradiance, metering: Metering, exposure: Exposure) -> Irradiance:
-    """The light, remembering the exposure that was metered in it."""
+    """Return the light with the exposure that was metered in it."""
     assert light.rendered_for is not None
     statistics = replace(light.statistics, metering=metering.record(exposure))
     rendered_for = replace(light.rendered_for, exposure=exposure)
@@ -152,8 +149,7 @@ def metered_at(light: Irradiance, metering: Metering, exposure: Exposure) -> Irr
 def render_in_time(
     request: Request, render: PreparedRender, sensor: PreparedExposure, stop: StopCriterion
 ) -> Exposed:
-    """A render for every frame of a scene that moves, at its own time; the scene is loaded once. Irradiance and
-    metadata are those of the first."""
+    """Expose a render of a moving scene for every frame; irradiance and metadata are those of the first."""
     options, progress, seed = request.options, request.progress, sensor.first.seed
     assert isinstance(render.scene, MovingScene)
     subframes, lights = render.scene.asked_subframes, list[Irradiance]()
@@ -176,17 +172,16 @@ def render_in_time(
 
 
 def lit_as_asked(light: Irradiance, options: CaptureOptions) -> Irradiance:
-    """The light with the levels of its groups that are asked for."""
+    """Return the light with the levels of its groups that were asked for."""
     return light if options["lights"] is None else light.with_lights(options["lights"])
 
 
 def render_each_frame(request: Request) -> Exposed:
-    """A render of a scene for every frame; irradiance and metadata are those of the first."""
+    """Expose a render of a scene for every frame; irradiance and metadata are those of the first."""
     options = request.options
     if options["light_groups"] is not None or options["lights"] is not None:
         raise InputError(
-            "render_noise is 'per-frame' and light_groups are kept for later exposures of one render; leave one of "
-            "both out."
+            "render_noise is 'per-frame', but light_groups are for later exposures of one render; omit one of them."
         )
     with timed(request.times_s, "render and expose"):
         scene, series_options = (
@@ -209,7 +204,7 @@ def exposed_of_scene(
     light: Irradiance,
     frames: Frames,
 ) -> Exposed:
-    """The frames of a scene."""
+    """Return the result for frames of a scene."""
     options = request.options
     origin = {
         "scene": render.parsed.path,
@@ -222,8 +217,7 @@ def exposed_of_scene(
 
 
 def check_frame_files(sensor: PreparedExposure, options: CaptureOptions) -> None:
-    """Raise InputError for frames of which a file is asked for that cannot hold them, or is not known, and for more of
-    them than memory holds."""
+    """Raise InputError for more frames than memory holds, and for frames that a DNG file cannot hold."""
     sensor.check_memory(options["frames"])
     if options["dng"]:
         check_dng(sensor.camera, sensor.first.window.shape)
@@ -231,7 +225,7 @@ def check_frame_files(sensor: PreparedExposure, options: CaptureOptions) -> None
 
 @contextmanager
 def timed(times_s: dict[str, float], name: str) -> Iterator[None]:
-    """Note the wall-clock seconds that the block takes, and give back the memory that it no longer needs."""
+    """Record the wall-clock seconds of the block, and free its memory."""
     start = time.perf_counter()
     yield
     trim_heap()

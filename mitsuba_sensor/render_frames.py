@@ -1,4 +1,4 @@
-"""Raw frames of a scene that each have a render of their own: render_frames()."""
+"""Raw frames of a scene, each from its own render: render_frames()."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from .sensor.metering import AskedExposure
 
 @dataclass(frozen=True, eq=False)
 class RenderedFrame:
-    """One frame, and the render that it was made from."""
+    """One frame and its render."""
 
     frames: Frames
     light: Irradiance
@@ -41,18 +41,18 @@ def render_frames(
     progress: Progress | bool | None = None,
     **options: Unpack[FrameSeriesOptions],
 ) -> Iterator[RenderedFrame]:
-    """Frames of a scene, each from a render with a seed of its own; one at a time, all checked before the first.
+    """Yield frames of a scene, each from a render with its own seed; arguments are checked before the first.
 
     ::
 
         for rendered in ms.render_frames("cornell_box", camera, exposure, frames=8, width=64):
             print(rendered.frames.digital.mean())
 
-    progress : None says every ten seconds on stderr how far it is; False says nothing; a
-        function is called with a :class:`render.passes.stop_criterion.RenderProgress` of each frame's render.
+    progress : None reports on stderr every ten seconds; False is silent; a function is called with a
+        :class:`render.passes.stop_criterion.RenderProgress` of each frame's render.
 
-    The noise of each render adds to the noise of its frame, instead of being alike in all frames. ``spectral`` is by
-    default "channels", since each render is used once. Raises InputError.
+    The noise of each render adds to the noise of its frame, instead of being the same in all frames. The default of
+    ``spectral`` is "channels", since each render is used once. Raises InputError.
     """
     if not callable(progress):
         is_asked(progress)  # before the first frame is asked for
@@ -66,7 +66,7 @@ def render_frames(
 def _frames_of(
     series: FrameSeries, shown: AbstractContextManager[Progress | None]
 ) -> Iterator[RenderedFrame]:
-    """One frame after the other; with the first one Python warns of the doubts, which are those of all."""
+    """Yield the frames; warn with the first, whose notes are those of all."""
     with shown as progress:
         for number, (exposed, light, photons) in enumerate(series.renders(progress)):
             frames = Frames.exposed(exposed)

@@ -1,4 +1,4 @@
-"""Frames that follow each other in time: each in the light, and with the exposure and gain, of its own time."""
+"""Frames that follow each other in time, each with the light, exposure and gain of its time."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from .stages.image_lag import BEFORE
 from .theory.plan import prepare_planned_exposure
 
 LightOfFrame = Callable[[int, float, Exposure], Irradiance]
-"""The light of a frame by its number, when it begins [s], and its exposure."""
+"""Returns the light of a frame from its number, start [s] and exposure."""
 
 
 class TimedFrame(NamedTuple):
-    """A frame, and what is known of its time.
+    """A frame with its time.
 
-    start_s : when its first row opens.  frames : it alone, with the camera at its gain.
+    start_s : when exposure of the first row begins.  frames : this frame, with the camera at its gain.
     camera_to_world : pose of the camera at that time; None for light from elsewhere.
-    measured : mean over black as a share of saturation, where exposure is automatic.
+    measured : mean above black over saturation, with automatic exposure.
     """
 
     start_s: float
@@ -45,7 +45,7 @@ class TimedFrame(NamedTuple):
     measured: float | None = None
 
     def to_dict(self) -> dict[str, object]:
-        """Plain values, ready for JSON."""
+        """Return plain values for JSON."""
         first, camera = self.frames.first, self.frames.camera
         return {
             "frame": first.index,
@@ -65,9 +65,9 @@ def frames_in_time(
     *,
     with_clean: bool = False,
 ) -> Iterator[TimedFrame]:
-    """Frames one after the other, each in the light of its own time.
+    """Yield frames, each in the light of its time.
 
-    sensor : of the first frame, which every frame has but for its time, exposure, gain and light.
+    sensor : of the first frame; the others differ in time, exposure, gain and light.
     rule : of automatic exposure.
     Raises InputError at once for an exposure that is longer than a frame.
     """
@@ -87,7 +87,7 @@ def frames_in_time(
         return light, photons_of(light, camera, exposure, start_s)
 
     def sensor_at_gain() -> PreparedExposure:
-        """For one frame, with the FPN maps of the frames before."""
+        """Return the exposure of one frame, with the FPN maps of the frames before."""
         one = sensor
         if control is not None and control.camera is not sensor.camera:
             seeds: ExposeOptions = {"seed": first.seed, "serial": first.window.serial}
@@ -123,7 +123,7 @@ def frames_in_time(
 
 
 FramesInTime: TypeAlias = tuple[Frames, tuple[TimedFrame, ...]]
-"""All frames as one, and one by one where they follow each other in time."""
+"""All frames together, and one by one if they follow each other in time."""
 
 
 def expose_frames(
@@ -132,7 +132,7 @@ def expose_frames(
     options: CaptureOptions | LightOptions,
     progress: Progress | None = None,
 ) -> FramesInTime:
-    """Frames of light that is rendered once: at once where they differ in their noise alone.
+    """Expose frames of one render, all at once if they differ in noise only.
 
     sensor : with the light of the first frame.  Raises InputError for an exposure that is longer than a frame.
     """
@@ -147,7 +147,7 @@ def expose_frames(
 def expose_moving(
     sensor: PreparedExposure, light_of: LightOfFrame, options: CaptureOptions | LightOptions
 ) -> FramesInTime:
-    """Frames that each have the light of their own time."""
+    """Expose frames that each have the light of their time."""
     rule = cast(AutoExposure | None, options["auto_exposure"])
     with_clean, asked = options["clean"], part_of(ExposeOptions, options)
     series = frames_in_time(sensor, light_of, asked, rule, with_clean=with_clean)
@@ -157,7 +157,7 @@ def expose_moving(
 def _of_still_light(
     frames: Frames, light: Irradiance, times: FrameTimes
 ) -> Iterator[TimedFrame]:
-    """The frames one by one; none where they do not follow each other in time."""
+    """Yield the frames one by one if they follow each other in time, else nothing."""
     if times.period_s is None:
         return
     kept = [name for name in ("digital", *KEEP) if getattr(frames, name) is not None]
@@ -170,7 +170,7 @@ def _of_still_light(
 
 
 def told_of(sensor: PreparedExposure, progress: Progress | None) -> PreparedExposure:
-    """The exposure; progress is told after each of its frames."""
+    """Return the exposure, which reports progress after each frame."""
     if progress is None:
         return sensor
     began, count = time.monotonic(), sensor.count
@@ -184,14 +184,14 @@ def told_of(sensor: PreparedExposure, progress: Progress | None) -> PreparedExpo
 
 
 def joined(series: Iterator[TimedFrame], with_clean: bool = False) -> FramesInTime:
-    """All frames as one, with theory and report of the first, and one by one; only the light of the first is kept."""
+    """Return all frames as one, with theory and report of the first, and one by one; only the first keeps its light."""
     timed = list[TimedFrame]()
     for one in series:
         if timed:
             first = timed[0].frames
             readouts = None
             if has_several_readouts(first.camera):
-                readouts = one.frames.readouts  # of its own light, which is not kept
+                readouts = one.frames.readouts  # while its light is there
             frames = replace(
                 one.frames,
                 light=first.light,
@@ -206,7 +206,7 @@ def joined(series: Iterator[TimedFrame], with_clean: bool = False) -> FramesInTi
 def series_facts(
     timed: Sequence[TimedFrame], options: Mapping[str, object]
 ) -> dict[str, object] | None:
-    """Times, poses, exposure and gain of every frame, for frame.json; None where they do not follow each other."""
+    """Return time, pose, exposure and gain of every frame for frame.json; None unless they follow each other."""
     if not timed:
         return None
     return {
@@ -216,7 +216,7 @@ def series_facts(
 
 
 def write_video(folder: Path, timed: Sequence[TimedFrame], gain: float) -> None:
-    """frames.webp: the previews of several frames that follow each other in time.  gain : of the previews."""
+    """Write frames.webp, the previews of a series of frames.  gain : of the previews."""
     if len(timed) > 1:
         pictures = [one.frames.preview(0, gain) for one in timed]
         write_webp(folder / VIDEO, pictures, timed[1].start_s - timed[0].start_s)

@@ -70,7 +70,7 @@ def _theory_of_few_pixels(request: pytest.FixtureRequest) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         if {*request.path.relative_to(Path(__file__).parent).parts} & REPORTED_IN:
             patch.setattr(expected, "WINDOWS", 4)
-            patch.setattr(expected, "MOST_WINDOWS", 4)
+            patch.setattr(expected, "WINDOWS_MAX", 4)
         yield
 
 

@@ -131,7 +131,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"spq": 3}, "'spq' is not an option"),
     ({"frames": 2, "first_frame": 2**32 - 1}, "frames is 2 from 4294967295"),
     ({"maps": {"prnu": np.ones((12, 15))}}, r"maps\['prnu'\] has shape \(12, 15\)"),
-    ({"engine": "drjit", "precision": "float64"}, "compiled engines are float32"),
+    ({"engine": "drjit", "precision": "float64"}, "compiled engines have float32 only"),
     ({"render_noise": "each"}, "render_noise is 'each'; it must be one of"),
     ({"subframes": 4}, "nothing moves"),
     ({"width": 17}, "width is 17"),

@@ -480,7 +480,7 @@ def test_help_cameras_and_completion_import_only_what_they_show() -> None:
 LINES_OF_A_MODULE, PARAMETERS = 420, 8
 
 TOKENS_MAX = {
-    ".": 8033,
+    ".": 8031,
     "bench": 23268,
     "benchmarks": 24924,
     "camera": 25124,
@@ -495,12 +495,12 @@ TOKENS_MAX = {
     "output": 24845,
     "pages": 3425,
     "render": 79567,
-    "reproduction": 12087,
-    "sensor": 13969,
-    "stages": 32256,
+    "reproduction": 10885,
+    "sensor": 13828,
+    "stages": 31946,
     "study": 9186,
-    "tests": 355977,
-    "theory": 14644,
+    "tests": 343808,
+    "theory": 14642,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
 TOKENS_SLACK = 0.03

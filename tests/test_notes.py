@@ -110,7 +110,7 @@ def test_terminal_file_notebook_and_python_show_the_same_sentences(
             lambda: ms.expose(FIVE[..., 0], TABLE1, EXPOSURE, wavelengths_nm=[0.55]),
             "wavelengths are in nm: 0.55 µm are 550",
         ),
-        (lambda: ms.expose(FIVE[..., 0], BAYER, EXPOSURE), "are taken for"),
+        (lambda: ms.expose(FIVE[..., 0], BAYER, EXPOSURE), "are assumed to have 530 nm"),
         (
             lambda: ms.expose(1e6 * FIVE, TABLE1, EXPOSURE, **BANDS),
             "100% of the pixels are saturated at 0.01 s; ",
@@ -123,13 +123,13 @@ def test_terminal_file_notebook_and_python_show_the_same_sentences(
             lambda: ms.expose(
                 FIVE, TABLE1.replace(**{"pixel.pitch_x_um": 5.7e-6}), EXPOSURE, **BANDS
             ),
-            "pixel.pitch_x_um is 5.7e-06, and 0.3 to 200 is usual: if 5.7e-06 is in metres, write 5.7",
+            "pixel.pitch_x_um is 5.7e-06; 0.3 to 200 is usual: if 5.7e-06 is in metres, write 5.7",
         ),
         (
             lambda: ms.expose(
                 FIVE, TABLE1.replace(**{"adc.full_scale_v": 0.165 / 200}), EXPOSURE, **BANDS
             ),
-            "and a full well fills 200 of it; if the highest code is a full well, leave it out, or write 0.165",
+            "a full well fills 200 of it; if the highest code is a full well, omit it, or write 0.165",
         ),
     ],
     ids=[

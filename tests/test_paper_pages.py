@@ -1,7 +1,7 @@
 """The study of the paper's section 4: closed forms, published values, sentences, pictures with units.
 
 Seeds are fixed. A small form measures it all with fewer pixels and frames; a number may be 4.9 standard errors from its
-closed form, so other seeds would fail one of its 33 checks in 27 000 runs.
+closed form, so other seeds would fail one of its 29 checks in 30 000 runs.
 """
 
 from __future__ import annotations
@@ -113,10 +113,9 @@ def test_the_median_of_a_spectrum_is_that_of_columns_and_white_noise_drawn_at_ra
 
 
 @pytest.mark.exhaustive
-@pytest.mark.exhaustive
 def test_everything_that_must_hold_does(study: Study) -> None:
     failed = [row for row in checks(study) if row[-1] != "holds"]
-    assert study.passed and not failed and len(list(checks(study))) == 33
+    assert study.passed and not failed and len(list(checks(study))) == 29
 
 
 @pytest.mark.exhaustive
@@ -133,8 +132,6 @@ def test_everything_that_must_hold_does(study: Study) -> None:
         ("Fig. 8, 0.001 s: µ", 4.0241, 1e-3),
         ("Fig. 9, 100 s: σ", 0.035, 0.03),
         ("Fig. 8, 0.001 s: σ", 0.033, 0.03),
-        ("dark current from the mean", 1741.58, 0.001),
-        ("100 s: mean, saturated", 4095, 0.0),
     ],
 )
 def test_a_measured_number_is_that_of_its_closed_form(

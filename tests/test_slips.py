@@ -51,7 +51,7 @@ WRONG = {
     "gain.covers([0.25, 0.3])": "value ",
     "gain.covers(None)": "value ",
     "setattr(camera, 'name', 'x')": "camera.replace",
-    "setattr(camera.adc, 'bits', 10)": "bits is not changed in place",
+    "setattr(camera.adc, 'bits', 10)": "bits cannot be changed in place",
     "frames - 3": "frames.minus(dark)",
     "np.ones(3) - frames": "frames.minus(dark)",
     "ms.plan(camera, exposure, light)": "collect(light, camera, exposure)",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from ..core import InputError, nearest
 from ..stages.chain import ORDER
 from ..stages.datasheet import SensorSection
-from ..stages.diffusion import WIDEST_PX
+from ..stages.diffusion import SIGMA_MAX_PX
 from ..stages.gains import full_well_swing_v, gain_dn_per_e, sense_gain_v_per_e
 from ..stages.stage import Datasheet
 from .dual_pixels import wrong_dual_pixels
@@ -55,10 +55,10 @@ def wrong_diffusion(camera: Datasheet) -> Iterator[str]:
     """Yield an error if electrons diffuse beyond the neighbours that are computed."""
     smaller_um = min(camera.pixel.pitch_x_um, camera.pixel.pitch_y_um)
     widest_um = max(camera.quantum_efficiency.diffusion_um or (0.0,))
-    if widest_um > WIDEST_PX * smaller_um:
+    if widest_um > SIGMA_MAX_PX * smaller_um:
         yield (
-            f"quantum_efficiency.diffusion_um is {widest_um:g}; it must be at most {WIDEST_PX * smaller_um:g} "
-            f"({WIDEST_PX:g} pixels of {smaller_um:g} µm)"
+            f"quantum_efficiency.diffusion_um is {widest_um:g}; it must be at most {SIGMA_MAX_PX * smaller_um:g} "
+            f"({SIGMA_MAX_PX:g} pixels of {smaller_um:g} µm)"
         )
 
 

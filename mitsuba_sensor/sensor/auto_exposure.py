@@ -2,9 +2,9 @@
 
     e_k = ln(target / measured of frame k − delay),   X_{k+1} = X_k·exp(damping·e_k)
 
-X is the exposure time times the overall system gain K. Of a light that does not change, without delay, the error
-shrinks by (1 − damping) from frame to frame. Time comes first: a higher gain setting is taken only where the time of
-the lower one would be beyond its limit. A rolling shutter is open for a whole number of rows.
+X is the exposure time times the overall system gain K. In constant light, without delay, the error shrinks by
+(1 − damping) from frame to frame. The controller changes the time first and takes a higher gain setting only if the
+time reaches its limit. A rolling shutter is open for a whole number of rows.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from ..core import Exposure, InputError, nearest, require
 from ..optics.shutter import shutter_of
 from ..stages.gains import gain_dn_per_e
 
-DARKEST = 1e-6
-"""Of saturation: a darker mean counts as this."""
+DARKEST_OVER_SATURATION = 1e-6
+"""A darker mean is treated as this fraction of saturation."""
 EXAMPLE = "target 0.18, damping 0.5, delay 2"
 
 
@@ -37,10 +37,11 @@ class AutoExposure:
         control = ms.AutoExposure(target=0.18, damping=0.5, delay=2, mains_hz=50)
         captured = ms.capture("scenes/rolling_fan.xml", fps=30, frames=20, auto_exposure=control)
 
-    target : mean of a frame over black, as a share of saturation.  damping : share of the error (in stops) that the
-        next frame corrects, 0 to 1.  delay : frames between the one that is measured and the first that answers.
-    shortest_s, longest_s : limits of the exposure time [s]; by default the longest is the frame period.
-    mains_hz : 50 or 60 keeps the time at multiples of half a period of the mains, where lamps make no bands.
+    target : mean of a frame above black, a fraction of saturation.
+    damping : fraction of the error (in stops) that the next frame corrects, 0 to 1.
+    delay : frames between the measured frame and the first frame that responds.
+    shortest_s, longest_s : limits of the exposure time [s]. Default of the longest: the frame period.
+    mains_hz : 50 or 60 keeps the time at multiples of half a mains period, so light sources cause no bands.
     """
 
     target: float = 0.18
@@ -51,8 +52,8 @@ class AutoExposure:
     mains_hz: float | None = None
 
     def __post_init__(self) -> None:
-        require("target", self.target, 1e-4, 1.0, "a share of saturation, e.g. 0.18")
-        require("damping", self.damping, 1e-3, 1.0, "a share of the error, e.g. 0.5")
+        require("target", self.target, 1e-4, 1.0, "a fraction of saturation, e.g. 0.18")
+        require("damping", self.damping, 1e-3, 1.0, "a fraction of the error, e.g. 0.5")
         delay = require("delay", self.delay, 0, 1000, "a whole number of frames, e.g. 2")
         if delay % 1:
             raise InputError(f"delay is {delay}; give a whole number of frames, e.g. 2.")
@@ -67,7 +68,7 @@ class AutoExposure:
 
     @classmethod
     def of_text(cls, text: str) -> AutoExposure:
-        """Of ``"target 0.18, damping 0.5, delay 2"``; what is not named has its default. Raises InputError."""
+        """Return the controller that a text like ``"target 0.18, damping 0.5, delay 2"`` names. Raises InputError."""
         numbers = dict[str, float]()
         for part in filter(None, (part.strip() for part in text.split(","))):
             name, _, number = part.replace("=", " ").partition(" ")
@@ -81,13 +82,13 @@ class AutoExposure:
                 numbers[name] = float(number)
             except ValueError:
                 raise InputError(
-                    f"auto_exposure has {part!r}, where {number!r} is no number, e.g. {EXAMPLE!r}."
+                    f"auto_exposure has {part!r}; {number!r} is not a number; give e.g. {EXAMPLE!r}."
                 ) from None
         return cls(**numbers)  # type: ignore[arg-type]
 
 
 def checked_auto_exposure(name: str, given: object) -> AutoExposure:
-    """A controller, or the text of one. Raises InputError."""
+    """Return a controller, which may be given as text. Raises InputError."""
     if isinstance(given, AutoExposure):
         return given
     if isinstance(given, str):
@@ -99,8 +100,8 @@ def checked_auto_exposure(name: str, given: object) -> AutoExposure:
 class ExposureControl:
     """The state of a controller: camera and exposure of the next frame.
 
-    settings : the camera at each gain, the lowest first, and its K [DN/e-].
-    saturation_dn : of the camera that it began with, over black.
+    settings : K [DN/e-] and the camera at each gain, the lowest first.
+    saturation_dn : saturation of the first camera above black [DN].
     """
 
     rule: AutoExposure
@@ -115,14 +116,13 @@ class ExposureControl:
     def begin(
         cls, rule: AutoExposure, camera: Camera, exposure: Exposure, period_s: float
     ) -> ExposureControl:
-        """A controller whose first frame has this exposure, as far as the limits let it. Raises InputError."""
+        """Return a controller whose first frame has this exposure, moved into the limits. Raises InputError."""
         longest_s = longest_exposure_s(camera, period_s)
         if rule.longest_s is not None:
             longest_s = min(rule.longest_s, longest_s)
         if longest_s < rule.shortest_s:
             raise InputError(
-                f"shortest_s is {rule.shortest_s:g} and a frame has {longest_s:g} s; give a shorter one, or fewer "
-                "frames per second."
+                f"shortest_s is {rule.shortest_s:g}, but a frame lasts {longest_s:g} s; reduce shortest_s or fps."
             )
         gain = gain_dn_per_e(camera)
         saturation_dn = saturation_e(camera) * gain
@@ -132,11 +132,11 @@ class ExposureControl:
         return control
 
     def measure(self, digital: NDArray[np.unsignedinteger]) -> float:
-        """Mean of a frame over black, as a share of saturation; from it follow camera and exposure of the next."""
+        """Return the mean of a frame above black, a fraction of saturation, and set camera and exposure of the next."""
         black_dn = self.camera.black_level_dn
         mean_dn = float(digital.mean(dtype=np.float64)) - black_dn
         measured = mean_dn / self.saturation_dn
-        self.errors.append(math.log(self.rule.target / max(measured, DARKEST)))
+        self.errors.append(math.log(self.rule.target / max(measured, DARKEST_OVER_SATURATION)))
         if len(self.errors) > self.rule.delay:
             error = self.errors[-1 - self.rule.delay]
             now = self.exposure.time_s * gain_dn_per_e(self.camera)
@@ -144,7 +144,7 @@ class ExposureControl:
         return measured
 
     def _set(self, wanted: float) -> None:
-        """Time and gain whose product is ``wanted`` [s·DN/e-], as far as the limits let them."""
+        """Set time and gain so that their product is ``wanted`` [s·DN/e-] or the nearest within the limits."""
         for gain, camera in self.settings:
             self.camera = camera
             if wanted / gain <= self.longest_s:
@@ -153,8 +153,8 @@ class ExposureControl:
         self.exposure = replace(self.exposure, time_s=time_s)
 
     def _allowed_s(self, time_s: float) -> float:
-        """The time within the limits, of whole half periods of the mains where it has one at least, and of whole rows
-        of a rolling shutter."""
+        """Return the nearest time within the limits [s]: whole half-periods of the mains if at least one fits, and
+        whole rows of a rolling shutter."""
         time_s = min(max(time_s, self.rule.shortest_s), self.longest_s)
         if self.rule.mains_hz is not None:
             time_s = whole_steps(time_s, 0.5 / self.rule.mains_hz, 0.0, self.longest_s)
@@ -165,7 +165,7 @@ class ExposureControl:
 
 
 def whole_steps(time_s: float, step_s: float, shortest_s: float, longest_s: float) -> float:
-    """The nearest whole number of steps within the limits, one at least; the time itself where there is none."""
+    """Return the nearest whole number of steps within the limits [s], at least one; the time itself if none fits."""
     fewest = math.ceil(shortest_s / step_s - 1e-9)
     most = math.floor(longest_s / step_s + 1e-9)
     steps = min(max(round(time_s / step_s), fewest), most)
@@ -173,7 +173,7 @@ def whole_steps(time_s: float, step_s: float, shortest_s: float, longest_s: floa
 
 
 def _settings(camera: Camera) -> Iterator[tuple[float, Camera]]:
-    """K and the camera, as it is and at each of its other gain settings."""
+    """Yield K and the camera, unchanged and at each of its other gain settings."""
     yield gain_dn_per_e(camera), camera
     for setting in camera.gains:
         if setting.label != camera.gain:

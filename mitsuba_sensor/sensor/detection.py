@@ -1,4 +1,4 @@
-"""What the first stage makes of the photons of a window: once for all frames, for report, theory and plan."""
+"""Detect the photons of a window: mean photoelectrons, computed once for all frames, report, theory and plan."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 class Detected:
     """Light on a window.
 
-    photons : as they were given.
-    signal : mean photoelectrons (:class:`Electrons`) on NumPy, (H, W).
+    photons : the mean photons as given.
+    signal : mean photoelectrons (:class:`Electrons`) on NumPy, shape (H, W).
     """
 
     photons: Photons
@@ -35,7 +35,7 @@ class Detected:
 
     @property
     def mean_e(self) -> Float64Array:
-        """Mean photoelectrons (photons), (H, W) float64."""
+        """Return the mean photoelectrons, shape (H, W), float64; photons if the chain begins with them."""
         if isinstance(self.signal, Electrons):
             signal = self.signal.light
         else:
@@ -43,18 +43,18 @@ class Detected:
         return np.asarray(signal, dtype=np.float64)
 
     def crop_rows(self, rows: slice) -> Detected:
-        """The light of some rows of the window."""
+        """Return the light of these rows."""
         photons = self.photons.crop_rows(rows)
         if not isinstance(self.signal, Electrons):
             return Detected(photons, self.signal[rows])
         return Detected(photons, self.signal.mapped(lambda values: values[rows]))
 
     def on_backend(self, rows: slice, frame: Frame) -> Array:
-        """The signal of some rows in arrays of a compiled backend.  frame : of these rows."""
+        """Return the signal of these rows as arrays of a compiled backend.  frame : the frame of these rows."""
         return uploaded(self.crop_rows(rows).signal, frame)
 
     def now(self) -> Detected:
-        """The light itself, which is detected already."""
+        """Return this light."""
         return self
 
     delivered = now
@@ -62,10 +62,11 @@ class Detected:
 
 @dataclass(frozen=True, eq=False)
 class DetectedByKernel:
-    """Light that is detected by the kernel that computes the frame, of which there is one.
+    """Light that the kernel of a single frame detects along with computing the frame.
 
-    photons : as for :func:`detect`, but not checked: the kernel notes negative photons and NaN, for :meth:`delivered`.
-    filters : of the stage in these photons.  found : photoelectrons and faulty pixels of each strip, by its first row.
+    photons : mean photons, unchecked: the kernel marks negative photons and NaN, for :meth:`delivered`.
+    filters : the filters of the stage in this light.
+    found : photoelectrons and faulty pixels of each strip, by its first row.
     """
 
     photons: Photons
@@ -75,7 +76,7 @@ class DetectedByKernel:
     found: dict[int, tuple[Array, Array]] = field(default_factory=dict)
 
     def on_backend(self, rows: slice, frame: Frame) -> Array:
-        """Traced, to be computed with what comes next."""
+        """Trace the photoelectrons of these rows; they are computed with the rest of the frame."""
         photons, backend = self.photons.crop_rows(rows), _compiled(frame)
         layers = np.atleast_3d(photons.mean)
         light = backend.filtered(layers, self.filters, frame.window)
@@ -85,11 +86,11 @@ class DetectedByKernel:
         return Electrons(light)
 
     def now(self) -> Detected:
-        """Detected by the host."""
+        """Return the light, detected by the host."""
         return checked_and_detected(self.photons, self.stage, self.frame)
 
     def delivered(self) -> Detected:
-        """What the kernel found, after the frame. Raises InputError for photons that are NaN or negative."""
+        """Return the light that the kernel detected. Raises InputError for photons that are NaN or negative."""
         backend = _compiled(self.frame)
         strips = [self.found[row] for row in sorted(self.found)]
         if any(backend.any(faulty) for _, faulty in strips):
@@ -101,7 +102,7 @@ class DetectedByKernel:
 def detected_by_kernel(
     photons: Photons, stage: Detector, frame: Frame
 ) -> DetectedByKernel | None:
-    """Light of one frame for the kernel that computes it; None where the host has to detect it."""
+    """Return light that the kernel of one frame detects; None if the host must detect it."""
     if not frame.window.backend.compiled or photons.by_readout is not None:
         return None
     filters = stage.filters(photons)
@@ -109,7 +110,7 @@ def detected_by_kernel(
 
 
 def checked_and_detected(photons: Photons, stage: Detector, frame: Frame) -> Detected:
-    """The light of :func:`detect`. Raises InputError for photons that are NaN or negative."""
+    """Return the light of :func:`detect`. Raises InputError for photons that are NaN or negative."""
     for one in (photons, *(photons.by_readout or {}).values()):
         check_light(one)
     return detect(photons, stage, frame)
@@ -120,15 +121,15 @@ def _compiled(frame: Frame) -> DrJitBackend:
 
 
 def uploaded(signal: Electrons, frame: Frame) -> Array:
-    """Electrons on NumPy in arrays of the frame's backend."""
+    """Return electrons as arrays of the frame's backend."""
     window = frame.window
     return signal.mapped(lambda values: window.backend.from_numpy(values, window))
 
 
 def detect(photons: Photons, stage: Detector, frame: Frame) -> Detected:
-    """All exposures of a frame, in the precision of its backend.
+    """Return the light of all exposures of a frame, in the precision of its backend.
 
-    photons : of the window of ``frame``.  stage : the first one of the chain.
+    photons : mean photons of the window of ``frame``.  stage : the first stage of the chain.
     """
     given = dict(photons.by_readout or {})
     of_lag = {BEFORE: given.pop(BEFORE)} if BEFORE in given else None
@@ -148,14 +149,16 @@ def detect(photons: Photons, stage: Detector, frame: Frame) -> Detected:
 
 
 def _left_share(left_e: Array, whole_e: Array) -> Array:
-    """Share of the left photodiodes in the mean photoelectrons, (H, W); half where there are none. Raises InputError
-    for more than all of them, beyond what float32 rounds."""
+    """Return the fraction of the mean photoelectrons in the left photodiodes, shape (H, W); 0.5 for unlit pixels.
+
+    Raises InputError for a fraction above 1, beyond rounding in float32.
+    """
     too_many = left_e > 1.001 * whole_e + 1e-4 * np.max(whole_e, initial=0)
     if too_many.any():
         raise InputError(
-            "photons.by_readout['left'] is more than the photons of both photodiodes in "
-            f"{int(too_many.sum())} place(s), "
-            f"first at {first_place(too_many)}; the light of the left half is at most that of the whole pupil."
+            "photons.by_readout['left'] exceeds the photons of both photodiodes in "
+            f"{int(too_many.sum())} place(s), first at {first_place(too_many)}; give at most the light of the whole "
+            "pupil."
         )
     lit = np.isfinite(whole_e) & (whole_e > 0)
     share = np.full(np.shape(whole_e), 0.5, np.asarray(whole_e).dtype)
@@ -164,7 +167,7 @@ def _left_share(left_e: Array, whole_e: Array) -> Array:
 
 
 def _detect(photons: Photons, stage: Detector, frame: Frame) -> Array:
-    """The signal behind the first stage, strip by strip."""
+    """Return the signal after the first stage, computed strip by strip."""
     backend = NUMPY_FLOAT64 if frame.window.backend.precision == "float64" else NUMPY_FLOAT32
     whole, shape = frame.on(backend), frame.window.shape
     found: dict[str, Array] = {}

@@ -1,4 +1,4 @@
-"""Mean photons per pixel → raw frames in digital numbers: an exposure is checked and prepared, then computed."""
+"""Expose a camera: check and prepare an exposure, then compute raw frames [DN] from mean photons per pixel."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,24 +30,27 @@ from .checks import as_photons, check_numbers, placed
 from .detection import Detected, DetectedByKernel, checked_and_detected, detected_by_kernel
 from .fpn_maps import checked_maps
 from .frame_notes import exposure_notes
-from .frames import CLIPPED, KEEP, PlannedChain, RawFrames
+from .frames import CLIPPED, KEEP, RawFrames
 from .options import ExposeOptions
 from .precision import precision_of
 from .run import FrameRunner, StripWindows, choose_backend
 
+if TYPE_CHECKING:
+    from ..theory.plan import Plan
+
 MEMORY_TO_ASK_FOR = 2**24
-"""Frames of fewer bytes are made without a look at the memory that is free, which takes a tenth of a small frame."""
-Planner: TypeAlias = Callable[[Camera, Detected, Frame], PlannedChain]
+"""Frames below this size [byte] skip the look at free memory, which costs a tenth of a small frame."""
+Planner: TypeAlias = Callable[[Camera, Detected, Frame], "Plan"]
 
 
 @dataclass(frozen=True, eq=False)
 class PreparedExposure:
-    """Everything that an exposure needs but the light, checked: ``prepare_exposure(…).of(photons).frames()``.
+    """A checked exposure, complete except for the light: ``prepare_exposure(…).of(photons).frames()``.
 
-    first : the first frame, whose window has the backend and the given FPN maps.  keep : names of signals to return.
-    count : how many frames.  strips : of a sensor that keeps its maps.
-    plan : what was left out of the chain.  planner : makes the plan for the light that the exposure gets.
-    told : called with how many frames are done.
+    first : the first frame; its window has the backend and the given FPN maps.  keep : names of signals to return.
+    count : number of frames.  strips : strips of a sensor that keeps its maps.
+    plan : the plan that shortened the chain.  planner : function that makes a plan for the light.
+    told : function that is called with the number of completed frames.
     """
 
     camera: Camera
@@ -55,32 +58,31 @@ class PreparedExposure:
     first: Frame
     count: int
     keep: tuple[str, ...]
-    plan: PlannedChain | None = None
+    plan: Plan | None = None
     planner: Planner | None = None
     light: Detected | DetectedByKernel | None = None
     strips: StripWindows | None = None
     told: Callable[[int], object] | None = None
 
     def at(self, exposure: Exposure) -> PreparedExposure:
-        """With another exposure."""
+        """Return this exposure with another time or temperature."""
         return replace(self, first=replace(self.first, exposure=exposure, _blocks={}))
 
     def check_memory(self, count: int) -> None:
-        """Raise InputError for so many frames that this machine has no memory for them."""
+        """Raise InputError if this many frames need more memory than is free."""
         shape = self.first.window.shape
         bytes_of_pixel = self._code_type.itemsize + 8 * len(self.keep)
         size = count * math.prod(shape) * bytes_of_pixel
         if size > MEMORY_TO_ASK_FOR and size > (free := free_memory_bytes()):
             raise InputError(
-                f"frames is {count}, of {shape[1]} × {shape[0]} pixels each: {size / 1e9:.3g} GB, and "
-                f"{free / 1e9:.3g} GB of memory are free; take them one by one from ms.stream, or fewer at a time: "
-                "--first-frame (first_frame) goes on."
+                f"frames is {count}; {count} × {shape[1]} × {shape[0]} pixels need {size / 1e9:.3g} GB, but "
+                f"{free / 1e9:.3g} GB are free; use ms.stream, or fewer frames and continue with first_frame."
             )
 
     def of(self, light: Photons, number: int | None = None) -> PreparedExposure:
-        """With this light, of the shape of the window. Raises InputError for light that cannot be exposed.
+        """Return this exposure with light of the window's shape. Raises InputError for impossible light.
 
-        number : of the first frame, if it is another than before.
+        number : number of the first frame, if it changes.
         """
         if number is None:
             first = self.first
@@ -88,8 +90,8 @@ class PreparedExposure:
             first = replace(self.first, index=number, _blocks={})
         if light.detected and "photons" in self.keep:
             raise InputError(
-                "keep names 'photons', and of this light only the photoelectrons are known; keep 'photoelectrons', or "
-                "render bands (spectral='cube')."
+                "keep names 'photons', but this light has only photoelectrons; keep 'photoelectrons', or render "
+                "bands (spectral='cube')."
             )
         plan, stages = self.plan, self.stages
         detected: Detected | DetectedByKernel | None = None
@@ -131,23 +133,23 @@ class PreparedExposure:
         )  # fmt: skip
 
     def stream(self) -> Iterator[NDArray[np.unsignedinteger]]:
-        """One frame at a time."""
+        """Yield one frame at a time, shape (H, W) [DN]."""
         shape, code_type = self.first.window.shape, self._code_type
         runner = FrameRunner(self.stages, self.detected.now(), self.first, strips=self.strips)
         done = runner.frames(
             self.first.index, self.count, lambda _: {"digital": np.empty(shape, code_type)}
         )
-        # popped: nobody here keeps a frame that was delivered
+        # popped, so that no delivered frame stays in memory
         return (sinks.pop("digital") for sinks in done)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes on this exposure, before any frame is computed."""
+        """Return the notes on this exposure, before any frame is computed."""
         return exposure_notes(self.camera, self.detected.now(), self.first)
 
     @property
     def detected(self) -> Detected | DetectedByKernel:
-        """Mean photoelectrons of the light. Raises TypeError before there is any."""
+        """Return the mean photoelectrons of the light. Raises TypeError without light."""
         if self.light is None:
             raise TypeError("an exposure needs its light: prepare_exposure(…).of(photons)")
         return self.light
@@ -158,7 +160,7 @@ class PreparedExposure:
 
 
 def on_numpy(frame: Frame) -> Frame:
-    """A frame on the NumPy backend of the same precision, which has the same bytes."""
+    """Return the frame on the NumPy backend of the same precision, which gives the same bytes."""
     if frame.window.backend is NUMPY_FLOAT64:
         return frame.on(NUMPY_FLOAT64)
     return frame.on(NUMPY_FLOAT32)
@@ -167,7 +169,7 @@ def on_numpy(frame: Frame) -> Frame:
 def exposure_of_photons(
     photons: Photons | ArrayLike, camera: Camera, exposure: Exposure, options: ExposeOptions
 ) -> PreparedExposure:
-    """An exposure with its light: mean photons as of :func:`mitsuba_sensor.expose`. Raises InputError."""
+    """Return an exposure with its light: mean photons as for :func:`mitsuba_sensor.expose`. Raises InputError."""
     check_types(camera, exposure)
     chosen = complete(ExposeOptions, options)
     light = placed_photons(photons, camera, chosen)
@@ -177,8 +179,10 @@ def exposure_of_photons(
 def placed_photons(
     photons: Photons | ArrayLike, camera: Camera, options: ExposeOptions
 ) -> Photons:
-    """Mean photons with their bands, at their place on the sensor; their values are checked where they are detected.
-    Raises InputError."""
+    """Return mean photons with their bands, at their place on the sensor. Raises InputError.
+
+    Their values are checked when they are detected.
+    """
     light = as_photons(photons, camera, options["wavelengths_nm"], check=False)
     return placed(light, options["origin"], camera)
 
@@ -190,9 +194,9 @@ def prepare_exposure(
     origin: tuple[int, int],
     chosen: ExposeOptions,
 ) -> PreparedExposure:
-    """Check all that does not depend on the light, and build the chain.
+    """Check everything that does not depend on the light, and build the chain. Raises InputError.
 
-    shape, origin : (rows, columns) of the window and its first pixel.  chosen : completed.  Raises InputError.
+    shape, origin : (rows, columns) of the window and its first pixel.  chosen : completed options.
     """
     check_types(camera, exposure)
     camera, plan = camera.at_gain(chosen["gain"]), chosen["plan"]
@@ -205,8 +209,7 @@ def prepare_exposure(
     stages = _chain_of(camera, plan)
     if plan is not None and chosen["tolerance_dn"] is not None:
         raise InputError(
-            f"tolerance_dn is {chosen['tolerance_dn']:g} and a plan is given, which has a tolerance of its own; pass "
-            "one of them."
+            f"tolerance_dn is {chosen['tolerance_dn']:g}, but the given plan has its own tolerance; pass only one."
         )
     precision = precision_of(chosen["precision"], camera)
     backend = choose_backend(chosen["engine"], precision, frames * shape[0] * shape[1])
@@ -221,10 +224,10 @@ def prepare_exposure(
 
 
 def _checked_names(keep: Any) -> tuple[str, ...]:
-    """The signals to keep, one name or several."""
+    """Return the names of the signals to keep. Raises InputError."""
     try:
         wanted = (keep,) if isinstance(keep, str) else tuple(keep)
-    except TypeError:  # nothing that has elements
+    except TypeError:  # not iterable
         wanted = (keep,)
     for name in wanted:
         if not isinstance(name, str) or name not in KEEP:
@@ -234,8 +237,8 @@ def _checked_names(keep: Any) -> tuple[str, ...]:
     return wanted
 
 
-def _chain_of(camera: Camera, plan: PlannedChain | None) -> Chain:
-    """What the plan left of this camera's chain, or the whole chain."""
+def _chain_of(camera: Camera, plan: Plan | None) -> Chain:
+    """Return the chain that the plan leaves of this camera, or the whole chain. Raises InputError."""
     if plan is None:
         return camera.stages
     if not hasattr(plan, "whole"):
@@ -244,29 +247,29 @@ def _chain_of(camera: Camera, plan: PlannedChain | None) -> Chain:
         )
     if plan.whole != camera.stages:
         raise InputError(
-            f"plan was made for another camera, {plan.camera}; make one for this one with plan(camera, …)."
+            f"plan was made for another camera, {plan.camera}; make a new one with plan(camera, …)."
         )
     return plan.stages
 
 
 def _check_options_of_readouts(camera: Camera, keep: tuple[str, ...], maps: object) -> None:
-    """Raise InputError for what there is of one read-out only, and for an added stage in front of the read-out, whose
-    charge the read-outs would not share."""
+    """Raise InputError for options that need a single readout, and for an added stage before the readouts.
+
+    Such a stage would change the charge that the readouts share.
+    """
     names = ", ".join(one.name for one in camera.readouts)
     alone = f"camera.at_readout({camera.readouts[0].name!r})"
-    of = f"{camera.name} combines the read-outs {names}"
+    of = f"{camera.name} combines the readouts {names}"
     kept = [name for name in keep if name != "photons"]
     if kept:
         raise InputError(
-            f"keep names {kept[0]!r}, and {of}, each of which has its own; expose one of them, {alone}."
+            f"keep names {kept[0]!r}, but {of}, each with its own signals; expose one of them, {alone}."
         )
     if maps:
-        raise InputError(
-            f"maps are of one read-out, and {of}; leave them out, or expose {alone}."
-        )
+        raise InputError(f"maps belong to one readout, but {of}; omit them, or expose {alone}.")
     for stage in camera.added:
         if stage.domain in ("photons", "electrons"):
             raise InputError(
-                f"{camera.name} has several read-outs and an added {type(stage).__name__}, which changes the charge "
-                "that they share; add stages of volts, or take the stage out."
+                f"{camera.name} has several readouts, and the added {type(stage).__name__} would change their shared "
+                "charge; add only stages in volts, or remove the stage."
             )

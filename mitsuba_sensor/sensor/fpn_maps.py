@@ -38,19 +38,19 @@ def fpn_maps(
     origin: tuple[int, int] = (0, 0),
     precision: Precision = "auto",
 ) -> dict[str, NDArray[np.float64]]:
-    """Every FPN map of one chip, by name: gains (1 on average), dark current factors (1), offsets in electrons (0).
+    """Return every FPN map of one sensor unit by name: gains (mean 1), dark current factors (1), offsets [e-] (0).
 
     ::
 
         maps = ms.fpn_maps("bayer_2mp", (48, 64), serial=7)
         frames = ms.expose(photons, "bayer_2mp", ms.Exposure(0.01), maps=maps)
 
-    shape : (rows, columns) of the window; the whole sensor by default. The result fits ``expose(maps=…)``.
-    precision : of :func:`expose`, so that these are the very maps that it uses.
+    shape : (rows, columns) of the window. Default: the whole sensor. The result fits ``expose(maps=…)``.
+    precision : as for :func:`expose`, which then uses exactly these maps.
     """
     camera = camera_of(camera)
     check_types(camera, Exposure(0.0))
-    refuse_readouts(camera, "fixed-pattern noise maps are those of one read-out")
+    refuse_readouts(camera, "fixed-pattern noise maps belong to one readout")
     if shape is None:
         shape = (camera.sensor.rows, camera.sensor.columns)
     size = require_pair("shape", shape, "(rows, columns) of the window, e.g. (480, 640)")
@@ -70,9 +70,9 @@ def fpn_maps(
 def checked_maps(
     maps: Mapping[str, ArrayLike] | None, window: SensorWindow, camera: Camera
 ) -> dict[str, NDArray[np.float64]]:
-    """Measured maps that fit the window, cut from the sensor's; a column's is (1, W), a row's (H, 1).
+    """Return measured maps that fit the window: (H, W), (1, W) of columns or (H, 1) of rows. Raises InputError.
 
-    Those in DN become electrons. Maps of stages that the chain is without are accepted.
+    Maps of the whole sensor are cropped, and maps in DN become electrons. Maps of switched-off stages are accepted.
     """
     if maps is not None and not isinstance(maps, Mapping):
         raise InputError(
@@ -95,10 +95,10 @@ def checked_maps(
                 f"maps names {name!r}; this camera's maps are {', '.join(names)}.{nearest(str(name), names)}"
             )
         if name != own and own in maps:
-            raise InputError(f"maps names {name!r}, and {own} too; give one of both.")
+            raise InputError(f"maps names both {name!r} and {own!r}; give only one.")
         if not dn_per_unit:
             raise InputError(
-                f"maps names {name!r}, and readout.dsnu_residual is 0: no offset is left."
+                f"maps names {name!r}, but readout.dsnu_residual is 0, so no offset is left; omit the map."
             )
         array = numbers(f"maps[{name!r}]", values, "an array of numbers")
         for axis, places in enumerate((window.rows, window.columns)):
@@ -111,26 +111,26 @@ def checked_maps(
             n not in (1, full) for n, full in zip(array.shape, fits, strict=True)
         ):
             raise InputError(
-                f"maps[{name!r}] has shape {array.shape}; it must be {fits}, or 1 along an axis, or the sensor's."
+                f"maps[{name!r}] has shape {array.shape}; it must be {fits}, 1 along an axis, or the whole sensor."
             )
         if not np.isfinite(array).all() or (not own.endswith("_e") and (array < 0).any()):
             raise InputError(
-                f"maps[{name!r}] holds NaN, infinite or negative values; correct the bad pixels first."
+                f"maps[{name!r}] contains NaN, infinite or negative values; correct the bad pixels first."
             )
         checked[own] = array / dn_per_unit if name != own else array
     return checked
 
 
 def _maps_in_dn(stages: Chain) -> dict[str, tuple[str, float]]:
-    """``dsnu_pixel_dn`` → ``dsnu_pixel_e`` and the overall system gain K of small signals, by which they differ.
+    """Return, for a map in DN, the map in electrons and their ratio, the small-signal gain K: ``dsnu_pixel_dn`` → …
 
-    Of offsets of which a CDS leaves a share, it is that share of K: in DN they are what it left.
+    If the CDS leaves a fraction of the offsets, the ratio is that fraction of K: a map in DN is measured after the CDS.
     """
     found = {}
     for number, stage in enumerate(stages):
-        behind = math.prod(one.nominal_gain for one in stages[number + 1 :])
+        rest = math.prod(one.nominal_gain for one in stages[number + 1 :])
         if not isinstance(stage, ElectronMaps):
             continue
         for name, gain in stage.gains_of_maps().items():
-            found[f"{name.removesuffix('_e')}_dn"] = (name, gain * behind)
+            found[f"{name.removesuffix('_e')}_dn"] = (name, gain * rest)
     return found

@@ -1,4 +1,4 @@
-"""Notes on an exposure: what of camera, window, light and temperature is allowed and may surprise."""
+"""Notes on an exposure: possible problems of camera, window, light and temperature."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from ..stages.usual_range import temperature_note
 from .detection import Detected
 from .metering import clipped_note
 
-MUCH_OUTSIDE, NEARLY_ALL = (
-    0.01,
-    0.99,
-)  # of the photons: where a QE curve was cut off Python warns from the first share
-MOST_MICROMETRES = 20.0  # no QE curve of a camera has such a wavelength in nm
-CUT_OFF = 0.01  # of its peak: a curve that ends above this probably went on in the datasheet
+OUTSIDE_MIN = {True: 0.01, False: 0.99}
+"""Fraction of the photons outside a QE curve that is a doubt, for a curve that is cut off or that ends near 0."""
+MICROMETRES_MAX = 20.0
+"""Smaller wavelengths are micrometres: no QE curve has such a wavelength in nm."""
+CUT_OFF = 0.01
+"""A curve that ends above this fraction of its peak probably continues in the datasheet."""
 
 
 def exposure_notes(camera: Camera, light: Detected, first: Frame) -> tuple[str, ...]:
-    """All notes on an exposure but those on the light itself and on its noise; they take no theory and no frame.
+    """Return all notes on an exposure except those on the light itself and its noise; no frame is computed.
 
-    light : on the window of ``first``, the first frame.
+    light : light on the window of ``first``, the first frame.
     """
     source = light.photons.source
     return (
@@ -44,33 +44,33 @@ def exposure_notes(camera: Camera, light: Detected, first: Frame) -> tuple[str, 
 
 
 def _bias_note(photons: Photons, first: Frame) -> Iterator[str]:
-    """Where the light of a scene is collected for no time."""
+    """Note an exposure time of 0 for the light of a scene."""
     if photons.source is not None and first.exposure.time_s == 0:
-        yield "the exposure time is 0 s, so that no light is collected: this is a bias frame"
+        yield "the exposure time is 0 s, so no light is collected: this is a bias frame"
 
 
 def _lag_note(photons: Photons, camera: Camera, first: Frame) -> Iterator[str]:
-    """Where a camera has image lag and the light before the first frame is not known."""
+    """Note unknown light before the first frame of a camera with image lag."""
     if camera.quantum_efficiency.image_lag and not photons.by_readout:
         yield (
-            f"image_lag shows nothing in frame {first.index}: the light before it is taken as the same; later frames "
-            'of light that changes (fps) show it, and photons with by_readout={"before": ms.Photons(…)}'
+            f"image_lag has no effect in frame {first.index}, because the light before it is assumed to be the same; "
+            'use fps with changing light, or photons with by_readout={"before": ms.Photons(…)}'
         )
 
 
 def _unpolarized_note(photons: Photons, camera: Camera) -> Iterator[str]:
-    """Where polarisers see light whose polarisation is not known."""
+    """Note light of unknown polarisation on a camera with polarisers."""
     if camera.sensor.polarizers is None or photons.polarizers is not None or photons.detected:
         return
     passed = mean_transmittance(camera)
     shares = f"{passed.min():.3g}"
     if passed.max() > passed.min():
         shares += f" to {passed.max():.3g}"
-    yield f"the light is taken as unpolarised: the polarisers of {camera.name} pass {shares} of it"
+    yield f"the light is assumed to be unpolarised: the polarisers of {camera.name} pass {shares} of it"
 
 
 def _outside_note(photons: Photons, camera: Camera) -> Iterator[str]:
-    """Where photons are in bands beyond the QE curve."""
+    """Note photons in bands outside the QE curve."""
     outside = outside_qe(photons, camera)
     share, wavelengths_nm = outside["share_of_photons"], outside["wavelengths_nm"]
     if not share:
@@ -81,18 +81,18 @@ def _outside_note(photons: Photons, camera: Camera) -> Iterator[str]:
     if len(wavelengths_nm) > 1:
         bands = f"{len(wavelengths_nm)} bands from {first_nm:g} to {last_nm:g} nm"
     note = (
-        f"{100 * share:.3g} % of the photons are in {bands} and not detected: the QE curve of {camera.name} goes from "
-        f"{points[0]:g} to {points[-1]:g} nm"
+        f"{100 * share:.3g} % of the photons are in {bands} and not detected, because the QE curve of {camera.name} "
+        f"covers {points[0]:g} to {points[-1]:g} nm"
     )
-    if last_nm < MOST_MICROMETRES:
+    if last_nm < MICROMETRES_MAX:
         note += f"; wavelengths are in nm: {last_nm:g} µm are {1000 * last_nm:g}"
     ends_low, ends_high = _is_cut_off(camera)
-    cut_off = (ends_low and first_nm < points[0]) or (ends_high and last_nm > points[-1])
-    yield Doubt(note) if share > (MUCH_OUTSIDE if cut_off else NEARLY_ALL) else note
+    cut_off = bool((ends_low and first_nm < points[0]) or (ends_high and last_nm > points[-1]))
+    yield Doubt(note) if share > OUTSIDE_MIN[cut_off] else note
 
 
 def _wavelength_note(photons: Photons, camera: Camera) -> Iterator[str]:
-    """Where photons without a wavelength meet colour filters: the wavelength that they are taken for."""
+    """Note the wavelength that is assumed for photons without one behind colour filters."""
     reference_nm = camera.quantum_efficiency.reference_nm
     is_known = photons.detected or photons.wavelengths_nm is not None
     if is_known or reference_nm is None or len(camera.filter_names) == 1:
@@ -101,20 +101,20 @@ def _wavelength_note(photons: Photons, camera: Camera) -> Iterator[str]:
     named = zip(camera.filter_names, efficiencies, strict=True)
     of_filters = ", ".join(f"{name} {100 * qe:.3g} %" for name, qe in named)
     yield Doubt(
-        f"photons without a wavelength are taken for {reference_nm:g} nm, where the QE of {camera.name} is "
+        f"photons without a wavelength are assumed to have {reference_nm:g} nm, where the QE of {camera.name} is "
         f"{of_filters}; give wavelengths_nm, or photoelectrons as ms.Photons(electrons, detected=True)"
     )
 
 
 def _is_cut_off(camera: Camera) -> tuple[bool, bool]:
-    """Whether the QE is far from zero where its curves begin, and where they end."""
+    """Return whether the QE is far from 0 at the start and at the end of its curves."""
     curves = np.array(list(camera.quantum_efficiency.curves.values()))
     least = CUT_OFF * curves.max()
     return bool(curves[:, 0].max() > least), bool(curves[:, -1].max() > least)
 
 
 def outside_qe(photons: Photons, camera: Camera) -> dict[str, Any]:
-    """Bands beyond the ends of the QE curve, where nothing is detected: wavelengths [nm], share of all photons."""
+    """Return the bands outside the QE curve, where nothing is detected, and their fraction of all photons."""
     points, bands = camera.quantum_efficiency.wavelengths_nm, photons.wavelengths_nm
     if bands is None:
         outside = np.zeros(1, bool)

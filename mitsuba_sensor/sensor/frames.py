@@ -1,10 +1,10 @@
-"""Raw frames of one exposure: their codes, and what these were made from."""
+"""Raw frames of one exposure, with their light, chain and conditions."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,45 +16,29 @@ from ..stages.stage import Chain
 from .detection import Detected
 from .run import INPUT_REFERRED
 
+if TYPE_CHECKING:
+    from ..theory.plan import Plan
+
 KEEP = ("photons", "photoelectrons", "dark_electrons", "electrons", "volts", INPUT_REFERRED)
-"""Intermediate signals that ``expose(keep=…)`` can return: mean photons of all bands, electrons that light and dark
-current left in the well, their sum [e-], swing at the converter [V], that swing as electrons at the input."""
+"""Intermediate signals for ``expose(keep=…)``: mean photons of all bands; photoelectrons, dark electrons and their sum
+in the well [e-]; swing at the ADC [V]; that swing as electrons at the input [e-]."""
 
 
 CLIPPED = ("clipped_full_well", "clipped_adc_low", "clipped_adc_high")
 """Causes of clipping that every frame counts."""
 
 
-class PlannedChain(Protocol):
-    """What a plan leaves of a camera's chain; plans are made in theory/plan.py."""
-
-    @property
-    def camera(self) -> str:
-        """Name of the camera."""
-
-    @property
-    def stages(self) -> Chain:
-        """The stages that are left."""
-
-    @property
-    def whole(self) -> Chain:
-        """All stages of the camera."""
-
-    def check(self, light: Detected, frame: Frame) -> None:
-        """Raise InputError for light, an exposure or a window that the plan was not made for."""
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class RawFrames:
-    """Raw frames of one camera; :class:`output.frames.Frames` adds what is expected of them, and files.
+    """Raw frames of one camera; :class:`output.frames.Frames` adds their expectation and their files.
 
-    digital : (N, H, W) uint8, uint16 or uint32, whichever holds ``adc.bits`` [DN].
+    digital : shape (N, H, W) [DN], the smallest of uint8, uint16 and uint32 that contains ``adc.bits``.
     light : mean photons.  first : number, exposure and window of the first frame.  stages : the chain.
-    plan : what was left out of the chain, where ``plan`` or ``tolerance_dn`` was given.
-    detected : mean photoelectrons of the light.  backend : what computed the frames.
-    counted : pixels of the first frame that are clipped or cut to zero, by the cause; None where not known.
-    photons, photoelectrons, dark_electrons, electrons, volts, input_referred_electrons : (N, H, W) float64 if asked for
-        by ``keep``, else None.
+    plan : the plan that shortened the chain, if ``plan`` or ``tolerance_dn`` was given.
+    detected : mean photoelectrons of the light.  backend : the backend that computed the frames.
+    counted : number of pixels of the first frame that are clipped or cut to zero, by the cause; None if unknown.
+    photons, photoelectrons, dark_electrons, electrons, volts, input_referred_electrons : shape (N, H, W), float64, if
+        requested by ``keep``, else None.
     """
 
     digital: NDArray[np.unsignedinteger]
@@ -64,7 +48,7 @@ class RawFrames:
     stages: Chain
     detected: Detected
     backend: Backend
-    plan: PlannedChain | None = None
+    plan: Plan | None = None
     counted: Mapping[str, int] | None = None
     photons: NDArray[np.float64] | None = None
     photoelectrons: NDArray[np.float64] | None = None
@@ -74,15 +58,15 @@ class RawFrames:
     input_referred_electrons: NDArray[np.float64] | None = None
 
     def minus(self, reference: RawFrames) -> NDArray[np.int64]:
-        """Signed difference to a zero-exposure frame or a stack of as many, (N, H, W) [DN]: the paper's CDS.
+        """Return the signed difference to a bias frame, or to as many, shape (N, H, W) [DN]: the paper's CDS.
 
-        Fixed patterns cancel, temporal variances add (√2 in σ for equal frames), and nothing wraps below zero.
-        Raises InputError when the frames do not fit, are of another camera, serial number or part of the sensor, or
-        have the same temporal noise: the same frame numbers of the same seed and exposure.
+        Fixed patterns cancel, temporal variances add (√2 in σ for equal frames), and nothing wraps below zero. Raises
+        InputError if the reference has another shape, camera, serial number or part of the sensor, or if it shares
+        temporal noise with the frames (same frame number, seed and exposure).
         """
         if not isinstance(reference, RawFrames):
             raise InputError(
-                f"the reference is a {type(reference).__name__}; pass the Frames of a zero exposure."
+                f"the reference is a {type(reference).__name__}; pass Frames of a zero exposure."
             )
         _check_reference_shape(self.digital.shape, reference.digital.shape)
         _check_chip(
@@ -104,7 +88,7 @@ class RawFrames:
 
 
 def _check_reference_shape(shape: tuple[int, ...], reference: tuple[int, ...]) -> None:
-    """Raise InputError unless a frame is subtracted from each frame, or one from all."""
+    """Raise InputError unless there is one reference for each frame, or one for all."""
     if shape[1:] != reference[1:] or reference[0] not in (1, shape[0]):
         raise InputError(
             f"the reference has shape {reference}; it must be {shape}, or (1, {shape[1]}, {shape[2]})."
@@ -112,7 +96,7 @@ def _check_reference_shape(shape: tuple[int, ...], reference: tuple[int, ...]) -
 
 
 def _check_chip(one: tuple[Camera, SensorWindow], other: tuple[Camera, SensorWindow]) -> None:
-    """Raise InputError unless frames and their reference are of the same pixels, whose fixed patterns cancel."""
+    """Raise InputError unless frames and reference have the same pixels, so that fixed patterns cancel."""
     pairs = {
         "the camera": (one[0].name, other[0].name),
         "the serial": (one[1].serial, other[1].serial),
@@ -127,15 +111,15 @@ def _check_chip(one: tuple[Camera, SensorWindow], other: tuple[Camera, SensorWin
         for camera, at in (one, other)
     )
     raise InputError(
-        f"the frames are of {mine}, and the reference of {its} ({differs} differs), whose fixed patterns are others; "
+        f"the frames are of {mine}, but the reference of {its} ({differs} differs), so fixed patterns stay; "
         "expose the reference with the same camera, serial and origin."
     )
 
 
 def _check_streams(one: tuple[Frame, int], other: tuple[Frame, int]) -> None:
-    """Raise InputError where frames and their reference share temporal noise, which would cancel in the difference.
+    """Raise InputError if frames and reference share temporal noise, which would cancel in the difference.
 
-    one, other : the first frame, and how many there are.
+    one, other : the first frame and the number of frames of each.
     """
     (first, count), (reference, references) = one, other
     begin, end = (
@@ -145,6 +129,6 @@ def _check_streams(one: tuple[Frame, int], other: tuple[Frame, int]) -> None:
     if first.key != reference.key or begin >= end:
         return
     raise InputError(
-        f"the frames and the reference share frame {begin} of seed {first.seed} at the same exposure, whose temporal "
+        f"the frames and the reference share frame {begin} of seed {first.seed} at the same exposure, so temporal "
         f"noise would cancel; expose the reference with another seed, or with first_frame={first.index + count}."
     )

@@ -1,4 +1,4 @@
-"""FPN maps that are kept from call to call: the sets that were used last, up to so many bytes."""
+"""FPN maps that are kept from call to call: the most recent sets, up to a limit of memory."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from .expose import PreparedExposure
 from .run import StripWindows, strips_of
 
 RECENT_BYTES = 2**28
-"""Memory of the maps that calls without a sensor of their own share [byte]."""
+"""Memory for the maps that all calls of expose() share [byte]."""
 RECENT_SETS = 16
-"""Cameras and windows that such calls remember."""
+"""Number of cameras and windows that these calls remember."""
 
 
 @dataclass(eq=False)
 class KeptSet:
-    """FPN maps of one camera and window.  maps : None until a second call asks for them."""
+    """FPN maps of one camera and window.  maps : None until a second call needs them."""
 
     camera: Camera
     window: Hashable
@@ -27,11 +27,11 @@ class KeptSet:
 
 @dataclass(eq=False)
 class KeptMaps:
-    """Sets of FPN maps, found by the values of camera and window; the set used least recently goes first.
+    """Sets of FPN maps by camera and window; the least recently used set is dropped first.
 
-    most_bytes : memory of all sets [byte].
-    guaranteed : whether maps are kept from the first call on, the last set whatever its size. Otherwise they are kept
-        from the second call on, so that a camera or a serial number that comes once takes no memory.
+    most_bytes : memory for all sets [byte].
+    guaranteed : True keeps maps from the first call on, and the last set whatever its size. False keeps maps from the
+        second call on, so a camera or serial number that is used once takes no memory.
     """
 
     most_bytes: float
@@ -45,12 +45,12 @@ class KeptMaps:
         return sum(one.maps.bytes for one in self._sets if one.maps is not None)
 
     def clear(self) -> None:
-        """Forget all sets."""
+        """Drop all sets."""
         with self._lock:
             self._sets.clear()
 
     def lend(self, prepared: PreparedExposure) -> PreparedExposure:
-        """The same exposure with the maps that were kept of its camera and window, or with a set that it fills."""
+        """Return the exposure with the kept maps of its camera and window, or with an empty set that it fills."""
         camera, window, backend = (
             prepared.camera,
             prepared.first.window,
@@ -59,7 +59,7 @@ class KeptMaps:
         precision = type(backend), backend.precision, backend.bytes_of_numpy
         reach_px = sum(
             stage.reach_px for stage in prepared.stages
-        )  # less where a plan leaves stages out
+        )  # smaller if a plan leaves stages out
         key = window.serial, window.shape, window.origin, precision, reach_px
         with self._lock:
             own = next((x for x in self._sets if x.window == key and x.camera == camera), None)
@@ -68,7 +68,7 @@ class KeptMaps:
             else:
                 self._sets.remove(own)
                 keeps = True
-            self._sets.append(own)  # at the end: the set that was used last
+            self._sets.append(own)  # last: used most recently
             if not keeps:
                 return prepared
             own.maps = own.maps or StripWindows(window, strips_of(prepared.stages, window))
@@ -76,7 +76,7 @@ class KeptMaps:
             return replace(prepared, first=first, strips=own.maps)
 
     def drop(self) -> None:
-        """Forget the sets that were used least recently, until the others fit."""
+        """Drop the least recently used sets until the other sets fit."""
         with self._lock:
             while self.bytes > self.most_bytes and len(self._sets) > self.guaranteed:
                 del self._sets[0]
@@ -85,5 +85,5 @@ class KeptMaps:
 
 
 def depends_on_camera_alone(prepared: PreparedExposure) -> bool:
-    """Return False for given maps, and for stages of a user's own: their values may change from call to call."""
+    """Return True if no map or stage of a user, whose values may change from call to call, affects the maps."""
     return not (prepared.camera.added or prepared.first.window.given)

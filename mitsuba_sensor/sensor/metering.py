@@ -1,4 +1,4 @@
-"""Metering: the exposure time at which a picture of this light is well exposed."""
+"""Metering: find the exposure time at which an image of this light is well exposed."""
 
 from __future__ import annotations
 
@@ -35,10 +35,13 @@ from .run import row_strips_of
 if TYPE_CHECKING:
     from ..camera.camera import Camera
 
-MANY_CLIPPED = 0.2  # of the pixels: beyond this share a shorter time is suggested
-SHOT_NOISE = 2.5  # σ: over so much light the share of saturated pixels rises from none to all, as a straight line
+SATURATED_MAX = 0.2
+"""Above this fraction of saturated pixels a shorter time is suggested."""
+SHOT_NOISE_SIGMAS = 2.5
+"""Range of light [σ of shot noise] in which the fraction of saturated pixels rises linearly from 0 to 1."""
 PIXELS_AT_ONCE = 2**18
-DIGITS = 3  # of the time, so that it can be typed
+DIGITS = 3
+"""Digits of the metered time, so that it can be typed."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +53,9 @@ class Metering:
         median = ms.Metering(percentile=50.0, share=0.3)
         captured = ms.capture("cornell_box", camera, median, width=64)
 
-    temperature_k : of the sensor [K].  percentile : of the lit pixels that is to reach ``share`` of saturation, light
-        and dark current together.  Raises InputError for numbers out of range.
+    temperature_k : sensor temperature [K].
+    percentile : percentile of the lit pixels that reaches ``share`` of saturation, dark current included.
+    share : fraction of saturation. Raises InputError for numbers out of range.
     """
 
     temperature_k: float = 298.15
@@ -67,54 +71,56 @@ class Metering:
 
     @classmethod
     def of_text(cls, text: str, temperature_k: float = 298.15) -> Metering:
-        """Of ``"PERCENTILE:SHARE"``, as command line and scene files have it. Raises InputError."""
+        """Return the metering of a text ``"PERCENTILE:SHARE"``, as in scene files. Raises InputError."""
         try:
             percentile, share = map(float, text.split(":"))
         except (ValueError, AttributeError):
             raise InputError(
-                f"meter is {text!r}; give PERCENTILE:SHARE, the percentile of the lit pixels (1 to 100) and the share "
-                f"of saturation that it reaches (up to 1), e.g. {PERCENTILE:g}:{SHARE:g}."
+                f"meter is {text!r}; give PERCENTILE:SHARE, the percentile of the lit pixels (1 to 100) and the "
+                f"fraction of saturation that it reaches (up to 1), e.g. {PERCENTILE:g}:{SHARE:g}."
             ) from None
         return cls(temperature_k, percentile, share)
 
     @property
     def unit_exposure(self) -> Exposure:
-        """One second: what the light is collected in to be metered."""
+        """Exposure of 1 s in which light is collected for metering."""
         return Exposure(1.0, self.temperature_k)
 
     def exposure(self, photons: Photons, camera: Camera) -> Exposure:
-        """The exposure found, with a time of three digits [s].
+        """Return the metered exposure, with a time of three digits [s]. Raises InputError if no pixel has light.
 
-        photons : mean photons of :attr:`unit_exposure`.  Raises InputError where no pixel has any light.
+        photons : mean photons of :attr:`unit_exposure`.
         """
         return Exposure(self.time_s(photons, camera, self.unit_exposure), self.temperature_k)
 
     def time_s(self, photons: Photons, camera: Camera, exposure: Exposure) -> float:
-        """The time found [s], from the mean photons of any exposure. Raises InputError."""
+        """Return the metered time [s] from the mean photons of any exposure. Raises InputError."""
         return self.time_of(electrons_of(photons, camera, exposure), camera, exposure)
 
     def time_of(
         self, electrons: NDArray[np.floating], camera: Camera, exposure: Exposure
     ) -> float:
-        """The time found [s], from the mean electrons that the light of any exposure makes in each pixel, of which
-        those without bound do not count. Raises InputError."""
+        """Return the metered time [s] from the mean electrons of each pixel in any exposure. Raises InputError.
+
+        Unlit pixels and pixels of infinite light do not count.
+        """
         lit = electrons[electrons > 0]
         bounded = lit[lit < FLOAT32_LIMIT]
         if not lit.size:
             raise InputError(
-                "no pixel has any light to meter; give an exposure time, e.g. 0.1 s."
+                "no pixel has any light to meter; set an exposure time, e.g. 0.1 s."
             )
         if not bounded.size:
             raise InputError(
-                f"every lit pixel has {FLOAT32_LIMIT:g} electrons or more in {exposure.time_s:g} s, which is not "
-                "metered; look at the unit of the light, or give an exposure time, e.g. 0.1 s."
+                f"every lit pixel has {FLOAT32_LIMIT:g} electrons or more in {exposure.time_s:g} s, too many to meter; "
+                "check the unit of the light, or set an exposure time, e.g. 0.1 s."
             )
         level_e = float(np.percentile(bounded, self.percentile)) + mean_dark_e(camera, exposure)
         time_s = exposure.time_s * self.share * metered_saturation_e(camera) / level_e
         return min(float(f"{time_s:.{DIGITS}g}"), TIME_MAX_S)
 
     def record(self, exposure: Exposure) -> dict[str, float]:
-        """What was found and how, for metadata."""
+        """Return the metered time and its rule, for metadata."""
         return {
             "exposure_s": exposure.time_s,
             "percentile": self.percentile,
@@ -123,7 +129,7 @@ class Metering:
 
 
 AUTO = Metering()
-"""What "auto" stands for until a scene or light says how it is metered and at which temperature."""
+"""Metering for exposure "auto", unless a scene or light sets its own rule and temperature."""
 
 AskedExposure: TypeAlias = Exposure | Metering | Literal["auto"]
 
@@ -131,14 +137,14 @@ AskedExposure: TypeAlias = Exposure | Metering | Literal["auto"]
 def checked_exposure(
     camera: object, exposure: AskedExposure | None
 ) -> Exposure | Metering | None:
-    """The exposure asked for, or how it is metered. Raises InputError for another type of it or of the camera."""
+    """Return the requested exposure or metering. Raises InputError for a wrong type of exposure or camera."""
     asked = AUTO if isinstance(exposure, str) and exposure == "auto" else exposure
     check_types(camera, None if isinstance(asked, Metering) else asked, optional=True)
     return asked
 
 
 def electrons_of(photons: Photons, camera: Camera, exposure: Exposure) -> Float64Array:
-    """Mean electrons that the light of an exposure makes in each pixel, (H, W)."""
+    """Return the mean electrons that the light of an exposure frees in each pixel, shape (H, W)."""
     rows, columns = photons.shape[:2]
     signal = detect(
         photons,
@@ -149,34 +155,32 @@ def electrons_of(photons: Photons, camera: Camera, exposure: Exposure) -> Float6
 
 
 def clipped_note(light: Detected, camera: Camera, frame: Frame) -> Iterator[str]:
-    """Where many pixels are saturated: how many in the mean, and the time that metering would choose.
+    """Note many saturated pixels, with the time that metering would choose.
 
-    light : on the window of ``frame``.
+    light : light on the window of ``frame``.
     """
     electrons, exposure = _mean_electrons(light, camera, frame), frame.exposure
     share = saturated_share(electrons, camera, exposure)
-    if share > MANY_CLIPPED:
-        way_out = _way_out(electrons, camera, exposure)
-        yield Doubt(
-            f"{share:.0%} of the pixels are saturated at {exposure.time_s:g} s{way_out}"
-        )
+    if share > SATURATED_MAX:
+        remedy = _remedy(electrons, camera, exposure)
+        yield Doubt(f"{share:.0%} of the pixels are saturated at {exposure.time_s:g} s{remedy}")
 
 
 def saturated_share(
     electrons: NDArray[np.floating], camera: Camera, exposure: Exposure
 ) -> float:
-    """The share of the pixels that shot noise and dark current let saturate, in the mean over frames.
+    """Return the mean fraction of the pixels that saturate, with shot noise and dark current.
 
-    electrons : mean of the light in each pixel, (H, W).
+    electrons : mean electrons of the light, shape (H, W).
     """
     try:
         level_e = camera.saturation_e
-    except InputError:  # darkness is at the highest code
+    except InputError:  # the black level is the full-scale code
         return 1.0
     limit_e = max(
         level_e - mean_dark_e(camera, exposure), -FLOAT32_LIMIT
     )  # the light may be float32
-    width_e = SHOT_NOISE * math.sqrt(max(level_e, 1.0))
+    width_e = SHOT_NOISE_SIGMAS * math.sqrt(max(level_e, 1.0))
     if electrons.max() < limit_e - width_e / 2:
         return 0.0
     saturated = 0.0
@@ -187,20 +191,22 @@ def saturated_share(
 
 
 def _mean_electrons(light: Detected, camera: Camera, frame: Frame) -> NDArray[np.floating]:
-    """Of a chain that begins as the camera's does, or of one with a detection of its own."""
+    """Return the mean electrons of each pixel, also for a chain that begins with photons."""
     signal = light.signal
     if not isinstance(signal, Electrons):
         return electrons_of(light.photons, camera, frame.exposure)
     return np.asarray(signal.light * signal.yield_mean)
 
 
-def _way_out(electrons: NDArray[np.floating], camera: Camera, exposure: Exposure) -> str:
-    """What makes fewer pixels saturated; nothing where no time does, for example of infinite light."""
+def _remedy(electrons: NDArray[np.floating], camera: Camera, exposure: Exposure) -> str:
+    """Return how to saturate fewer pixels; empty if no exposure time helps, e.g. in infinite light."""
     shorter_s, dark_e = np.inf, mean_dark_e(camera, exposure)
-    with suppress(InputError):  # no pixel has any light
+    with suppress(InputError):  # no pixel has light
         shorter_s = Metering().time_of(electrons, camera, exposure)
     if shorter_s < exposure.time_s:
-        return f"; {shorter_s:g} s is metered (--exposure-s {shorter_s:g})"
+        return f"; expose for {shorter_s:g} s, as metering does"
     if dark_e < camera.pixel.full_well_e:
         return ""
-    return f"; dark current alone makes {dark_e:.3g} e-: cool the sensor (--temperature-k), or expose for less time"
+    return (
+        f", of which dark current is {dark_e:.3g} e-; cool the sensor, or expose for less time"
+    )

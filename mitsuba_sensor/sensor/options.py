@@ -12,10 +12,9 @@ if TYPE_CHECKING:
 
     from ..theory.plan import Plan
 
-PERCENTILE = (
-    95.0  # of the lit pixels; five of a hundred are brighter, and mostly still below saturation
-)
-SHARE = 0.7  # of saturation that it reaches, where the exposure time is metered
+PERCENTILE = 95.0
+"""Percentile of the lit pixels that metering exposes to SHARE of saturation; most brighter pixels do not saturate."""
+SHARE = 0.7
 
 Engine = Literal["auto", "numpy", "drjit", "cuda"]
 Precision = Literal["auto", "float32", "float64"]
@@ -50,7 +49,7 @@ class MapOptions(TypedDict, total=False):
 
 
 class SensorOptions(MapOptions, total=False):
-    """How photons become digital numbers: options that the command line has too."""
+    """Options of the conversion of photons to digital numbers, also on the command line."""
 
     tolerance_dn: Annotated[
         float | None,
@@ -96,7 +95,7 @@ class StartOptions(TypedDict, total=False):
 
 
 class TimeOptions(StartOptions, total=False):
-    """Frames that follow each other: frame k begins at start_s + k/fps."""
+    """A series of frames: frame k begins at start_s + k/fps."""
 
     fps: Annotated[
         float | None,
@@ -120,25 +119,25 @@ class TimeOptions(StartOptions, total=False):
 
 
 class FrameOptions(SensorOptions, TimeOptions, total=False):
-    """What only Python has; which frames are made: how many, from which number on, and with which seeds."""
+    """Number, seeds and kept signals of frames."""
 
     keep: Annotated[
         Iterable[str],
         Option(
-            "Intermediate signals to return: photons, photoelectrons, dark_electrons, electrons, volts, and "
-            "input_referred_electrons, the volts over the gain in V/e-: electrons with all read noise.",
+            "Intermediate signals to return: photons, photoelectrons, dark_electrons, electrons, volts and "
+            "input_referred_electrons, i.e. volts over the gain in V/e-: electrons with all read noise.",
             (),
             flag=None,
         ),
     ]
     plan: Annotated[
         "Plan | None",
-        Option("What plan() left of the chain; the whole chain without one.", flag=None),
+        Option("A plan made by plan(). Default: the whole chain.", flag=None),
     ]
     seed: Annotated[
         int | None,
         Option(
-            "Seed of the render and of all temporal noise. Default: the scene file's, else 1.",
+            "Seed of the render and of temporal noise. Default: the scene file's, else 1.",
             check=require_seed,
         ),
     ]
@@ -168,7 +167,7 @@ class FrameOptions(SensorOptions, TimeOptions, total=False):
 
 
 class ArrayOptions(TypedDict, total=False):
-    """What an array of photons does not say by itself, and at which gain the camera is."""
+    """Wavelengths and position of an array of photons, and the gain setting of the camera."""
 
     wavelengths_nm: Annotated[
         "ArrayLike | None",
@@ -177,7 +176,7 @@ class ArrayOptions(TypedDict, total=False):
     origin: Annotated[
         tuple[int, int] | None,
         Option(
-            "(row, column) of the first pixel on the sensor; by default that of the photons, else (0, 0).",
+            "Sensor (row, column) of the first pixel; default: that of the photons, else (0, 0).",
             flag=None,
         ),
     ]
@@ -194,7 +193,7 @@ class ChipOptions(MapOptions, total=False):
     serial: Annotated[
         int | None,
         Option(
-            "Serial number of the camera, which selects its fixed-pattern noise. Default: that of the film, else 1."
+            "Serial number of the camera, which selects its fixed-pattern noise. Default: the film's, else 1."
         ),
     ]
 

@@ -1,7 +1,6 @@
-"""The read-outs of frames whose codes are combined from several: each is an exposure of a camera with one read-out.
+"""The readouts of frames whose codes are combined from several, each as the exposure of a camera with one readout.
 
-Its codes are those that the combination was made of, byte for byte: the random numbers of a read-out depend on its name
-and not on who asks for it.
+Its codes are exactly those that were combined: the random numbers of a readout depend on its name only.
 """
 
 from __future__ import annotations
@@ -21,9 +20,9 @@ from .frames import RawFrames
 
 
 def exposures_of_readouts(frames: RawFrames) -> Mapping[str, PreparedExposure]:
-    """The exposure of each read-out of these frames, by its name; none of a camera with one read-out.
+    """Return the exposure of each readout of these frames by its name; empty for a camera with one readout.
 
-    Of dual pixels these are their left and right photodiodes.
+    Dual pixels have their left and right photodiodes.
     """
     if frames.camera.sensor.dual_pixel:
         return {name: exposure_of_photodiode(frames, name) for name in PHOTODIODES}
@@ -42,7 +41,7 @@ def exposures_of_readouts(frames: RawFrames) -> Mapping[str, PreparedExposure]:
 
 
 def light_of_readout(readout: ReadoutChain, light: Detected, frame: Frame) -> Detected:
-    """The light that a read-out collects in a frame of this light."""
+    """Return the light that a readout collects of this light."""
     photons = light.photons.changed(by_readout=None)
     if light.photons.by_readout is not None and readout.charge in light.photons.by_readout:
         photons = light.photons.by_readout[readout.charge]
@@ -52,7 +51,7 @@ def light_of_readout(readout: ReadoutChain, light: Detected, frame: Frame) -> De
 
 
 def exposure_of_photodiode(frames: RawFrames, name: str) -> PreparedExposure:
-    """The exposure of one photodiode of dual pixels, whose electrons are a part of those in these frames."""
+    """Return the exposure of one photodiode of dual pixels."""
     camera, first = camera_of_photodiode(frames.camera), frames.first.on(frames.backend)
     stages = stages_of_photodiode(camera, frames.stages)
     frame = replace(first, charge=name, _blocks={})
@@ -61,11 +60,11 @@ def exposure_of_photodiode(frames: RawFrames, name: str) -> PreparedExposure:
 
 
 def light_of_photodiode(light: Detected, name: str) -> Detected:
-    """The light that falls on one photodiode of dual pixels."""
+    """Return the light on one photodiode of dual pixels."""
     signal, photons = light.signal, light.photons
-    share = 0.5 if signal.left_share is None else signal.left_share
+    part = 0.5 if signal.left_share is None else signal.left_share
     if name == RIGHT:
-        share = 1 - share
-    own = replace(signal, light=np.asarray(share * signal.light), left_share=None)
-    mean = photons.mean * np.reshape(share, np.shape(share) + (1,) * (photons.mean.ndim - 2))
+        part = 1 - part
+    own = replace(signal, light=np.asarray(part * signal.light), left_share=None)
+    mean = photons.mean * np.reshape(part, np.shape(part) + (1,) * (photons.mean.ndim - 2))
     return Detected(photons.changed(mean=mean, by_readout=None), own)

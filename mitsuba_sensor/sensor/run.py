@@ -1,4 +1,4 @@
-"""Frames of one window and light: computed strip by strip of rows, on threads of the host or by a compiled kernel."""
+"""Compute frames of one window and light in strips of rows, on threads of the host or by a compiled kernel."""
 
 from __future__ import annotations
 
@@ -27,50 +27,49 @@ if TYPE_CHECKING:
     from .detection import Detected, DetectedByKernel
 
 ENGINES = get_args(Engine)
-# Pixels in all frames together from which on "auto" compiles a kernel. NumPy needs a second for them on two
-# processors, and so long does a new process need for Dr.Jit, the kernel and the maps (benchmarks/backend_speed.py).
-WORTH_COMPILING = 2**23
-# The same in a process that has loaded Dr.Jit's LLVM backend already, for a render or another frame: only a kernel that
-# this machine has not seen is compiled then, which takes NumPy's time for a megapixel.
-WORTH_COMPILING_LOADED = 2**20
+COMPILED_MIN = 2**23
+"""Pixels in all frames from which "auto" compiles a kernel. NumPy takes a second for them on two processors, as
+long as a new process for Dr.Jit, the kernel and the maps (benchmarks/backend_speed.py)."""
+COMPILED_MIN_LOADED = 2**20
+"""The same once Dr.Jit's LLVM backend is loaded: a new kernel takes NumPy's time for a megapixel."""
 Sinks = dict[str, NDArray[Any]]
 
 INPUT_REFERRED = "input_referred_electrons"
-"""The swing that the converter measures over A_SN·A_SF·A_CDS, the gain of small signals: electrons after read noise,
-offsets and curves, without black level, rounding and clips of the converter."""
+"""The swing at the converter over A_SN·A_SF·A_CDS, the small-signal gain: electrons with read noise, offsets and
+curves, without black level, rounding and clips of the converter."""
 
 
 def choose_backend(engine: str, precision: str, pixels: int) -> Backend:
-    """The backend for so many pixels; InputError for an engine that is unknown or missing, or compiled and float64."""
+    """Return the backend for so many pixels. Raises InputError if the engine is unknown, missing, or has no float64."""
     if engine not in ENGINES:
         known = f"{', '.join(ENGINES)}.{nearest(str(engine), ENGINES)}"
         raise InputError(f"engine is {engine!r}; it must be one of {known}")
     if precision == "float64":
         if engine in ("drjit", "cuda"):
             raise InputError(
-                f"engine is {engine!r} and precision float64, asked for or found to be needed; compiled engines are "
-                "float32: take numpy, or precision float32."
+                f"engine is {engine!r}, but precision is float64 (as given, or as this camera needs); compiled engines "
+                "have float32 only: use engine numpy, or precision float32."
             )
         return NUMPY_FLOAT64
-    worth = WORTH_COMPILING
+    least = COMPILED_MIN
     if "drjit.llvm" in sys.modules:
-        worth = WORTH_COMPILING_LOADED
-    if engine == "numpy" or (engine == "auto" and (pixels < worth or backend_problem("llvm"))):
+        least = COMPILED_MIN_LOADED
+    if engine == "numpy" or (engine == "auto" and (pixels < least or backend_problem("llvm"))):
         return NUMPY_FLOAT32
     backend = "llvm"
     if engine == "cuda":
         backend = "cuda"
     problem = backend_problem(backend)
     if problem:
-        way_out = "take engine numpy" + (f", or {llvm_remedy()}" if backend == "llvm" else "")
-        raise InputError(f"engine is {engine!r}, but there is {problem}; {way_out}.")
+        remedy = "use engine numpy" + (f", or {llvm_remedy()}" if backend == "llvm" else "")
+        raise InputError(f"engine is {engine!r}, but there is {problem}; {remedy}.")
     from ..core.drjit_backend import DrJitBackend  # imports Dr.Jit
 
     return DrJitBackend(backend)
 
 
 def row_strips_of(shape: tuple[int, int], pixels: int) -> Iterator[slice]:
-    """Whole rows of about so many pixels; no result depends on how many."""
+    """Yield slices of whole rows with about so many pixels; no result depends on how many."""
     height = max(pixels // shape[1], 1)
     for start in range(0, shape[0], height):
         yield slice(start, min(start + height, shape[0]))
@@ -79,7 +78,7 @@ def row_strips_of(shape: tuple[int, int], pixels: int) -> Iterator[slice]:
 class Strip(NamedTuple):
     """Rows of a window that are computed together.
 
-    rows : what the strip delivers.  around : these and the rows beside them whose pixels change theirs.
+    rows : of the result.  around : these and the neighbouring rows that affect them.
     """
 
     rows: slice
@@ -87,21 +86,21 @@ class Strip(NamedTuple):
 
     @classmethod
     def of(cls, rows: slice, reach_px: int, height: int) -> Strip:
-        """These rows of a window of so many, with the neighbours of that reach."""
+        """Return a strip with neighbours of this reach, in a window of this height."""
         return cls(
             rows, slice(max(rows.start - reach_px, 0), min(rows.stop + reach_px, height))
         )
 
     @property
     def inside(self) -> slice:
-        """What it delivers, counted from the first row that is computed."""
+        """The rows of the result, counted from the first computed row."""
         return slice(self.rows.start - self.around.start, self.rows.stop - self.around.start)
 
 
 def strips_of(stages: Chain, window: SensorWindow) -> list[Strip]:
-    """The row strips in which this chain is computed; no result depends on how many there are.
+    """Return the strips in which this chain is computed; no result depends on their number.
 
-    Where stages couple neighbours further away than a strip is high, or a kernel computes them, there is one strip.
+    There is one strip if stages couple neighbours further away than a strip is high, or in a compiled kernel.
     """
     height, width = window.shape
     reach_px, backend = sum(stage.reach_px for stage in stages), window.backend
@@ -114,9 +113,9 @@ def strips_of(stages: Chain, window: SensorWindow) -> list[Strip]:
 
 @dataclass(eq=False)
 class StripWindows:
-    """The window of a sensor as strips of rows, each with its FPN maps once they are made.
+    """The window of a sensor as strips of rows that keep their FPN maps.
 
-    On the host a map of all strips is one array, so that memory does not grow from frame to frame.
+    On the host the map of all strips is one array, so memory does not grow from frame to frame.
     """
 
     window: SensorWindow
@@ -126,11 +125,11 @@ class StripWindows:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def strip(self, number: int) -> SensorWindow:
-        """A strip, with its maps where they were kept."""
+        """Return a strip, with its maps if they were kept."""
         return self._strips.get(number) or self.window.crop_rows(self.strips[number].around)
 
     def keep(self, number: int, strip: SensorWindow) -> None:
-        """Keep the maps of a strip for the next frame."""
+        """Keep the maps of a strip for later frames."""
         if number in self._strips:
             return
         self._strips[number] = strip
@@ -146,7 +145,7 @@ class StripWindows:
 
     @property
     def bytes(self) -> int:
-        """Memory of the maps, on the host or of a compiled backend."""
+        """Memory of the maps, on the host or in a compiled backend."""
         size = self.window.shape[0] * self.window.shape[1]
         if not self.window.backend.compiled:
             return sum(values.nbytes for values in self._maps.values())
@@ -159,11 +158,11 @@ class StripWindows:
 
 @dataclass(eq=False)
 class FrameRunner:
-    """Frames of one window and one light, strip by strip of rows; FPN maps stay with their strips between the frames.
+    """Computes frames of one window and one light in strips, which keep their FPN maps between frames.
 
-    On NumPy as many strips as there are processors are in flight; a compiled kernel shares them out by itself.
-    counts : pixels of the first frame that are clipped or cut, by the cause; None to count none.
-    strips : of the window of ``first``; a :class:`Sensor` keeps them from call to call.
+    NumPy computes one strip per processor at a time.
+    counts : collects the clipped pixels of the first frame by their cause; None to count none.
+    strips : of the window of ``first``; a :class:`Sensor` keeps them between calls.
     """
 
     stages: Chain
@@ -187,9 +186,9 @@ class FrameRunner:
     def frames(
         self, first: int, count: int, sinks_of: Callable[[int], Sinks]
     ) -> Iterator[Sinks]:
-        """Frames ``first``, first + 1, …, each into the arrays (H, W) of ``sinks_of(index)``, by the signal's name.
+        """Yield the arrays (H, W) of ``sinks_of(index)``, filled with frames ``first``, first + 1, ….
 
-        A compiled engine traces the next strip while it computes one; there a frame comes when the next has begun.
+        A compiled engine traces the next strip while it computes one, and yields a frame when the next has begun.
         """
         before, ready = PendingStrip(), None
         try:
@@ -211,7 +210,7 @@ class FrameRunner:
             self._copy(before)
             if ready is not None:
                 yield ready
-        finally:  # also when nobody asks for the rest: release the threads, the light and the maps of this run
+        finally:  # also if the generator is closed early: release threads, light and maps
             self._starts.clear()
             if self._own:
                 self._kept = self._new_strips()
@@ -228,7 +227,7 @@ class FrameRunner:
             self.counts.update(strip.counts)
 
     def _jobs(self, index: int, sinks: Sinks, last: bool) -> Iterator[PendingStrip]:
-        """One job per strip; on the host they are done."""
+        """Yield one job per strip; on the host they are complete."""
         numbers = range(len(self._kept.strips))
         if self._pool is None:
             yield from (self._strip(number, index, sinks, last) for number in numbers)
@@ -267,14 +266,14 @@ class FrameRunner:
         raise AssertionError("the last stage of a chain delivers digital numbers")
 
     def _start(self, number: int, frame: Frame, last: bool) -> Array:
-        """Mean photoelectrons of a strip; for a compiled backend its own arrays, kept for the next frame."""
+        """Return the mean photoelectrons of a strip; a compiled backend keeps its arrays for the next frame."""
         if not frame.window.backend.compiled:
             return self.light.now().crop_rows(self._kept.strips[number].around).signal
         if number in self._starts:
             if last:
                 return self._starts.pop(number)
             return self._starts[number]
-        kept = bool(frame.window.cached_values)  # by a sensor that was exposed before
+        kept = bool(frame.window.cached_values)
         start = begin(
             self.stages,
             self.light.on_backend(self._kept.strips[number].around, frame),
@@ -287,22 +286,21 @@ class FrameRunner:
 
 
 def require_kept(asked: Iterable[str], found: Container[str]) -> None:
-    """Raise InputError unless the chain delivers every signal that was asked for."""
+    """Raise InputError unless the chain has every signal that was asked for."""
     for name in asked:
         if name not in found:
             raise InputError(
-                f"keep names {name!r}; this chain does not hold photoelectrons and dark electrons apart, and its "
-                "voltages are those of a node with an offset; keep 'electrons', their sum, or 'volts'."
+                f"keep names {name!r}, but this chain does not separate photoelectrons and dark electrons, and its "
+                "voltages have an offset; keep 'electrons', their sum, or 'volts'."
             )
 
 
 def begin(stages: Chain, electrons: Array, frame: Frame, kept: bool = False) -> Array:
-    """What a compiled backend needs once for many frames: the mean photoelectrons, and FPN maps if none are kept."""
+    """Return the mean photoelectrons for a compiled backend, after making FPN maps unless they are kept."""
     window = frame.window
     if not kept:
-        sample(
-            stages[1:], electrons, replace(frame, _blocks={})
-        )  # traced and discarded: this makes the maps
+        # traced and discarded: this makes the maps
+        sample(stages[1:], electrons, replace(frame, _blocks={}))
         window.backend.evaluate(window)
     return electrons
 
@@ -310,9 +308,9 @@ def begin(stages: Chain, electrons: Array, frame: Frame, kept: bool = False) -> 
 def signals(
     stages: Chain, start: Array, frame: Frame, masks: dict[str, Array] | None = None
 ) -> Iterator[tuple[str, Callable[[], Array]]]:
-    """One frame from what the first stage delivered; name and a function that returns the signal where units change.
+    """Yield name and getter of each signal of a frame, from the output of the first stage.
 
-    masks : takes the masks of pixels that stages mark, by their name.
+    masks : collects the masks of pixels that stages mark, by name.
     """
     signal = start
     for number, (stage, following) in enumerate(zip(stages, (*stages[1:], None), strict=True)):
@@ -328,7 +326,7 @@ def signals(
 
 
 def named(stage: Stage, signal: Array, last: bool) -> Iterator[tuple[str, Callable[[], Array]]]:
-    """The signal behind the last stage of a domain, under the names that ``expose(keep=…)`` knows."""
+    """Yield the signal after the last stage of a domain, by its names in ``expose(keep=…)``."""
     if last:
         yield "digital", lambda: signal
     elif stage.domain != "photons":

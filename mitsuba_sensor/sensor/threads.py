@@ -1,4 +1,4 @@
-"""Threads of the host: how many there may be, and work that the calling thread shares with others."""
+"""Threads of the host: their number, and work that the calling thread shares with others."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ Value = TypeVar("Value")
 
 
 def processors() -> int:
-    """How many this process may use."""
+    """Return the number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def for_each(work: Callable[[Value], object], items: Iterable[Value]) -> None:
-    """``work(item)`` for all items, in this thread and, as soon as they come to it, in those of other processors."""
+    """Call ``work(item)`` for all items, in this thread and in those of other processors."""
     left = deque(items)
 
     def run() -> None:
@@ -40,7 +40,7 @@ def for_each(work: Callable[[Value], object], items: Iterable[Value]) -> None:
 
 @cache
 def _helpers() -> ThreadPoolExecutor:
-    """Threads that are kept: to start one takes milliseconds while those of Dr.Jit wait for their next kernel."""
+    """Return the kept threads: starting one takes milliseconds while Dr.Jit's threads wait for a kernel."""
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(
             after_in_child=_helpers.cache_clear

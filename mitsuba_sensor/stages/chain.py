@@ -1,4 +1,4 @@
-"""The order of the signal chain, from photons to digital numbers, and the check of a stage that a user adds to it."""
+"""Order of the signal chain from photons to digital numbers, and the check of a stage that a user adds."""
 
 import re
 from collections.abc import Collection
@@ -40,7 +40,7 @@ from .stage import Chain, Stage, total
 if TYPE_CHECKING:
     from ..camera.camera import Camera
 
-ORDER: tuple[type[Stage], ...] = (  # a stage of its own: one file in effects/, one line here
+ORDER: tuple[type[Stage], ...] = (  # a new effect: one file in effects/, one line here
     QuantumEfficiency,
     Prnu,
     DarkCurrent,
@@ -72,9 +72,9 @@ ORDER: tuple[type[Stage], ...] = (  # a stage of its own: one file in effects/, 
 
 
 def chain(camera: "Camera") -> Chain:
-    """The stages of this camera but the noise sources that are switched off (``sensor.without``).
+    """Return the stages of this camera without the switched-off noise sources (``sensor.without``).
 
-    Black level and gains are those of the whole camera.
+    Black level and gains are those of the complete camera.
     """
     if camera.readouts:
         combined = camera.combined_readouts
@@ -84,7 +84,7 @@ def chain(camera: "Camera") -> Chain:
 
 
 def whole_chain(camera: "Camera") -> Chain:
-    """All stages of this camera, with those that :meth:`Camera.with_stage` added."""
+    """Return all stages of this camera, including switched-off noise sources and added stages."""
     if camera.readouts:
         return chain(camera)
     return _chain(camera, ())
@@ -100,28 +100,28 @@ def _chain(camera: "Camera", off: Collection[str]) -> Chain:
 
 @dataclass(frozen=True, eq=False)
 class RecordingFrame(Frame):
-    """A frame that notes which sources of temporal noise are drawn from."""
+    """A frame that records which temporal noise sources are used."""
 
     sources: set[str] = field(default_factory=set)
 
     def random_bits(self, source: str) -> Array:
-        """The random bits, noted."""
+        """Return the random bits, and record their source."""
         self.sources.add(source)
         return super().random_bits(source)
 
     def random_bits_at(
         self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: int
     ) -> Array:
-        """The random bits, noted."""
+        """Return the random bits, and record their source."""
         self.sources.add(source)
         return super().random_bits_at(source, rows, columns, frame_index)
 
 
 def check_added(stages: Chain, added: Stage, wavelength_nm: float) -> None:
-    """Expose a window of 8 × 8 pixels to light of this wavelength and look at what ``added`` does.
+    """Expose a window of 8 × 8 pixels to light of this wavelength and check the stage ``added``.
 
-    Raises InputError where it draws from the noise source of another stage, whose noise would be the same numbers,
-    where it turns float32 into float64, which a compiled engine does not have, and where it adds up Electrons.
+    Raises InputError if it uses the noise source of another stage, which would give both the same noise, if it turns
+    float32 into float64, which compiled engines lack, or if it adds up Electrons.
     """
     signal: Array = Photons(np.full((8, 8, 1), 1e3), np.array([wavelength_nm]))
     users: dict[str, int] = {}
@@ -131,8 +131,8 @@ def check_added(stages: Chain, added: Stage, wavelength_nm: float) -> None:
         entered, left = (getattr(total(x), "dtype", None) for x in (before, signal))
         if stage is added and entered == np.float32 != left:
             raise InputError(
-                f"{type(stage).__name__} makes {left} of float32, and the engines would differ; "
-                "take numbers from frame.number(…), which keeps the precision of the signal."
+                f"{type(stage).__name__} turns float32 into {left}, so engines would differ; take numbers from "
+                "frame.number(…), which keeps the precision of the signal."
             )
         if (
             stage is added
@@ -140,26 +140,26 @@ def check_added(stages: Chain, added: Stage, wavelength_nm: float) -> None:
             and not isinstance(signal, Electrons)
         ):
             raise InputError(
-                f"{type(stage).__name__} returns a {type(signal).__name__}, and the stage behind it takes "
-                "photoelectrons and dark electrons apart; return Electrons, e.g. dataclasses.replace(signal, light=…)."
+                f"{type(stage).__name__} returns a {type(signal).__name__}, but the next stage needs photoelectrons "
+                "and dark electrons separately; return Electrons, e.g. dataclasses.replace(signal, light=…)."
             )
         for source in frame.sources:
             first = users.setdefault(source, place)
             if first != place and (stage is added or stages[first] is added):
                 raise InputError(
-                    f"{type(added).__name__} draws from the noise source {source!r}, as another stage of this camera "
-                    "does, and both would have the same noise; give it a source of a name of its own."
+                    f"{type(added).__name__} uses the noise source {source!r} of another stage of this camera, so both "
+                    "would have the same noise; give it a source with a new name."
                 )
 
 
 def what_it_does(effect: type[Stage]) -> str:
-    """The first sentence of the docstring, without equation numbers and parameters."""
+    """Return the first sentence of the docstring, without equation numbers and parameters."""
     first_line = (effect.__doc__ or "").partition("\n")[0]
     return re.split(r" \(paper|\. |\.$|  ", first_line)[0].rstrip(".")
 
 
 def stage_table() -> str:
-    """The stages in their order as a Markdown table: what each does, datasheet fields, file."""
+    """Return the stages in their order as a Markdown table: effect, datasheet fields, file."""
     lines = ["| stage | what it does | fields of a camera file | file |", "|---|---|---|---|"]
     for effect in ORDER:
         names = effect.fields.model_fields if effect.fields else ()

@@ -1,12 +1,12 @@
-"""Crosstalk: photoelectrons that neighbouring pixels collect, optically or by diffusion, behind the colour filters.
+"""Crosstalk: photoelectrons that neighbouring pixels collect, optically or by diffusion, under the colour filters.
 
-It moves single electrons before they are counted. Streams of Poisson electrons that are shared out are Poisson streams
-and independent, so that only the means are mixed: the shot noise of a pixel is that of the light it collects.
+Each electron moves independently before it is counted. A Poisson stream divided at random gives independent Poisson
+streams, so only the means are mixed: the shot noise of a pixel is that of the light it collects.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Annotated, Self, TypeAlias
@@ -25,7 +25,7 @@ Kernel = tuple[tuple[Chance, ...], ...]
 Tile: TypeAlias = tuple[tuple[int, ...], ...]
 SIDES = (3, 5)
 ROUNDING = 1e-9
-"""By which a sum of shares that were rounded in a file may pass 1."""
+"""A sum of fractions that were rounded in a file may exceed 1 by this."""
 
 KEEPS_ALL: Kernel = ((1.0,),)
 GIVES_NOTHING: Kernel = ((0.0,),)
@@ -35,13 +35,13 @@ PAIR_EXAMPLE = [[0.0, 0.02, 0.0], [0.02, 0.0, 0.02], [0.0, 0.02, 0.0]]
 
 
 def of_reach(kernel: Kernel, reach_px: int) -> Kernel:
-    """The same shares, with zeros about them."""
+    """Return the same fractions, padded with zeros to this reach."""
     padded = np.pad(np.array(kernel), reach_px - len(kernel) // 2)
     return tuple(tuple(row) for row in padded.tolist())
 
 
 def check_kernel(name: str, kernel: Kernel) -> None:
-    """Raise ValueError for another shape, and for shares that no pixel can give."""
+    """Raise ValueError for a wrong shape or impossible fractions."""
     _check_shape(name, kernel)
     _check_shares(name, np.array(kernel))
 
@@ -49,20 +49,20 @@ def check_kernel(name: str, kernel: Kernel) -> None:
 def check_pairs(
     source: str, of_receivers: Mapping[str, Kernel], names: tuple[str, ...], tile: Tile
 ) -> None:
-    """Raise ValueError for shares that pixels behind a filter cannot give to those behind it and behind others.
+    """Raise ValueError for impossible fractions from the pixels of one filter to the pixels of each filter.
 
-    source : name of the filter.  of_receivers : its kernel for each of them.  names : of all filters.
+    source : name of the filter.  of_receivers : filter name → kernel.  names : of all filters.
     """
     where = f"crosstalk_pairs.{source}"
     for receiver, kernel in of_receivers.items():
         if receiver not in names:
             raise ValueError(
-                f"{where} names {receiver!r}, which has no curve; there are {sorted(names)}"
+                f"{where} names {receiver!r}, which has no curve; the curves are {sorted(names)}"
             )
         _check_shape(f"{where}.{receiver}", kernel)
     if source not in of_receivers:
         raise ValueError(
-            f"{where} has no {source!r}, and so its pixels would keep nothing; give their own shares, e.g. "
+            f"{where} has no {source!r}, so its pixels would keep no electrons; add what they keep, e.g. "
             f"{source} = {OWN_EXAMPLE}"
         )
     reach_px = max(len(kernel) // 2 for kernel in of_receivers.values())
@@ -70,67 +70,68 @@ def check_pairs(
     kernels = np.array([of_reach(kernel, reach_px) for kernel in given])
     numbers, lies = np.arange(len(names))[:, None, None], np.zeros(kernels.shape, bool)
     for place in np.argwhere(np.array(tile) == names.index(source)):
-        here = numbers == _filters_about(place, reach_px, tile)
+        here = numbers == filters_of(tile, (place - reach_px).tolist(), kernels.shape[1:])
         lies |= here
         shares = np.sum(np.where(here, kernels, 0.0), axis=0)
         _check_shares(f"{where} of the pixel at {place.tolist()} of the tile", shares)
     _check_receivers(where, names, (kernels > 0) & ~lies)
 
 
-def _filters_about(place: NDArray[np.intp], reach_px: int, tile: Tile) -> NDArray[np.intp]:
-    """Filter numbers of a pixel of the tile and of those about it, (2·reach_px + 1)²."""
-    about = np.arange(-reach_px, reach_px + 1)
+def filters_of(tile: Tile, origin: Sequence[int], shape: Sequence[int]) -> NDArray[np.intp]:
+    """Return the filter numbers of the pixels of a window, (H, W)."""
+    numbers = np.array(tile)
     rows, columns = (
-        (first + about) % period for first, period in zip(place, np.shape(tile), strict=True)
+        (np.arange(length) + first) % period
+        for length, first, period in zip(shape, origin, numbers.shape, strict=True)
     )
-    return np.asarray(np.array(tile)[np.ix_(rows, columns)])
+    return np.asarray(numbers[np.ix_(rows, columns)])
 
 
 def _check_receivers(where: str, names: tuple[str, ...], nowhere: NDArray[np.bool_]) -> None:
-    """Raise ValueError for shares that nobody would get.  nowhere : which, (F, rows, columns)."""
+    """Raise ValueError for fractions that no pixel would collect.  nowhere : which, (F, rows, columns)."""
     for number, row, column in np.argwhere(nowhere):
         raise ValueError(
-            f"{where}.{names[number]} has a share in row {row - nowhere.shape[1] // 2:+d} and column "
-            f"{column - nowhere.shape[2] // 2:+d} from the pixel, where none behind {names[number]} lies in this tile; "
-            "let it be 0, and give it to the filter that is there"
+            f"{where}.{names[number]} has a fraction in row {row - nowhere.shape[1] // 2:+d} and column "
+            f"{column - nowhere.shape[2] // 2:+d} from the pixel, where this tile has no pixel with {names[number]}; "
+            "set it to 0, and give that fraction to the filter that is there"
         )
 
 
 def _check_shape(name: str, kernel: Kernel) -> None:
-    """Raise ValueError for another shape than 3 × 3 and 5 × 5."""
+    """Raise ValueError unless the shape is 3 × 3 or 5 × 5."""
     side = len(kernel)
     if side not in SIDES or any(len(row) != side for row in kernel):
         raise ValueError(
-            f"{name} has rows of {', '.join(str(len(row)) for row in kernel)} shares; it must be 3 rows of 3 or "
+            f"{name} has rows of {', '.join(str(len(row)) for row in kernel)} fractions; it must be 3 rows of 3 or "
             f"5 rows of 5, e.g. {EXAMPLE}"
         )
 
 
 def _check_shares(name: str, shares: Float64Array) -> None:
-    """Raise ValueError for more electrons than there were, and for a pixel that keeps too few."""
+    """Raise ValueError for a sum above 1, or if a neighbour collects more than the pixel itself."""
     if shares.sum() > 1 + ROUNDING:
         raise ValueError(
-            f"{name} adds up to {shares.sum():.6g}, and there are no more electrons than the light has freed; "
-            "let the shares add up to 1, or less where some are lost"
+            f"{name} adds up to {shares.sum():.6g}, more electrons than the light frees; scale the fractions so that "
+            "they add up to 1, or less if some electrons are lost"
         )
     middle = shares[len(shares) // 2, len(shares) // 2]
     if middle < max(shares.max(), ROUNDING):
         raise ValueError(
-            f"{name} gives {middle:g} to the pixel itself and {shares.max():g} to another; the share in the middle "
-            "must be the largest"
+            f"{name} gives {middle:g} to the pixel itself and {shares.max():g} to another; the middle must be the "
+            "largest"
         )
 
 
 class CrosstalkFields(FileTable):
-    """Where the photoelectrons of a pixel go."""
+    """Which pixels collect the photoelectrons of a pixel."""
 
     crosstalk: Kernel | None = optional(
-        "shares of a pixel's photoelectrons that it and its neighbours collect, rows of 3 × 3 or 5 × 5",
+        "fractions of a pixel's photoelectrons that it and its neighbours collect, rows of 3 × 3 or 5 × 5",
         EXAMPLE,
         title="crosstalk, pixel response kernel",
     )
     crosstalk_from: Annotated[dict[str, Kernel], Field(min_length=1)] | None = optional(
-        "filter name → these shares for pixels behind it, instead of crosstalk; others keep all",
+        "filter name → such a kernel for the pixels behind it, instead of crosstalk; other pixels keep all electrons",
         {"R": EXAMPLE},
         title="crosstalk of a colour",
     )
@@ -140,13 +141,13 @@ class CrosstalkFields(FileTable):
         ]
         | None
     ) = optional(
-        "filter name → filter name → shares that pixels behind the first give to pixels behind the second, "
-        "instead of crosstalk; others keep all",
+        "filter name → filter name → kernel of the electrons that pixels behind the first give to pixels behind the "
+        "second, instead of crosstalk; other pixels keep all electrons",
         {"R": {"R": OWN_EXAMPLE, "G": PAIR_EXAMPLE}},
         title="crosstalk between two colours",
     )
     diffusion_um: tuple[NotNegative, ...] | None = optional(
-        "standard deviation of the way that electrons go sideways before they are collected, at each of "
+        "standard deviation of the lateral diffusion of electrons before they are collected, at each of "
         "wavelengths_nm, instead of crosstalk [µm]",
         [1.5, 3.0],
         title="charge diffusion, diffusion length",
@@ -157,7 +158,7 @@ class CrosstalkFields(FileTable):
         ways = ("crosstalk", "crosstalk_from", "crosstalk_pairs", "diffusion_um")
         given = [name for name in ways if getattr(self, name) is not None]
         if len(given) > 1:
-            raise ValueError(f"give either {given[0]} or {given[1]}, and not both")
+            raise ValueError(f"give either {given[0]} or {given[1]}, not both")
         points = getattr(self, "wavelengths_nm", ())
         if self.diffusion_um is not None and len(self.diffusion_um) != len(points):
             raise ValueError(
@@ -165,7 +166,7 @@ class CrosstalkFields(FileTable):
             )
         if self.diffusion_um is not None and bursts(getattr(self, "quantum_yield", None)):
             raise ValueError(
-                "give either diffusion_um or quantum_yield, and not both: electrons of one photon diffuse together"
+                "give either diffusion_um or quantum_yield, not both: electrons of one photon diffuse together"
             )
         return self
 
@@ -178,7 +179,7 @@ class CrosstalkFields(FileTable):
             for name in getattr(self, way) or ():
                 if name not in known:
                     raise ValueError(
-                        f"{way} names {name!r}, which has no curve; there are {sorted(known)}"
+                        f"{way} names {name!r}, which has no curve; the curves are {sorted(known)}"
                     )
         for name, kernel in (self.crosstalk_from or {}).items():
             check_kernel(f"crosstalk_from.{name}", kernel)
@@ -188,7 +189,7 @@ class CrosstalkFields(FileTable):
 
     @property
     def shares_given(self) -> dict[str, dict[str, Kernel]]:
-        """Filter name → filter name → kernel, of the filters whose pixels give electrons away."""
+        """Filter name → filter name → kernel, for filters whose pixels lose electrons to others."""
         names = tuple(getattr(self, "curves", {}))
         by_filter = self.crosstalk_from or {}
         if self.crosstalk is not None:
@@ -199,9 +200,9 @@ class CrosstalkFields(FileTable):
 
 @dataclass(frozen=True)
 class Crosstalk:
-    """Shares of the photoelectrons of a pixel that the pixels about it collect.
+    """Fractions of the photoelectrons of a pixel that its neighbours collect.
 
-    kernels : of pixels behind each filter for those behind each filter, (2·reach_px + 1)².
+    kernels : from the pixels of each filter to the pixels of each filter, (2·reach_px + 1)².
     tile : rows of filter numbers that repeat.
     """
 
@@ -212,7 +213,7 @@ class Crosstalk:
     def of(
         cls, given: Mapping[str, Mapping[str, Kernel]], names: tuple[str, ...], tile: Tile
     ) -> Crosstalk | None:
-        """None where each pixel keeps its electrons.  given : shares of the filters whose pixels do not."""
+        """Return None if each pixel keeps its electrons.  given : kernels of filters whose pixels lose some."""
         sizes = [
             len(kernel) for of_receivers in given.values() for kernel in of_receivers.values()
         ]
@@ -229,14 +230,14 @@ class Crosstalk:
 
     @property
     def reach_px(self) -> int:
-        """How far away a pixel is that gets electrons."""
+        """Distance of the furthest pixel that collects electrons."""
         return len(self.kernels[0][0]) // 2
 
     def mixed(self, wider: Electrons, origin: tuple[int, int]) -> Electrons:
-        """What the pixels of a window collect.
+        """Return what the pixels of a window collect.
 
-        wider : mean photoelectrons of the window and ``reach_px`` pixels about it, on NumPy.
-        origin : row and column of the first of these on the sensor.
+        wider : mean photoelectrons of the window and ``reach_px`` pixels around it, on NumPy.
+        origin : sensor row and column of the first of these pixels.
         """
         freed = np.minimum(wider.light, FLOAT32_LIMIT)
         light = self._collected(freed, origin)
@@ -252,13 +253,12 @@ class Crosstalk:
         )
 
     def _collected(self, values: Array, origin: tuple[int, int]) -> Float64Array:
-        """Σ over the pixels about each one of their values times their shares."""
+        """Return for each pixel the sum of its neighbours' values times their fractions."""
         side, (height, width) = 2 * self.reach_px + 1, values.shape
         rows, columns = height - side + 1, width - side + 1
         receiving = origin[0] + self.reach_px, origin[1] + self.reach_px
         found = np.zeros((rows, columns))
         for row, column in product(range(side), repeat=2):
-            # what goes so many rows down comes from as many rows above
             top, left = side - 1 - row, side - 1 - column
             of_pairs = ((kernel[row][column] for kernel in one) for one in self.kernels)
             shares = np.array([list(of_source) for of_source in of_pairs])
@@ -275,19 +275,12 @@ class Crosstalk:
         receiving: tuple[int, int],
         shape: tuple[int, ...],
     ) -> Array:
-        """The share of every pair of pixels by their filters, (H, W), or one for all.
+        """Return the fraction for each pair of pixels by their filters, (H, W), or one for all.
 
-        giving, receiving : row and column of the first of them on the sensor.
+        giving, receiving : sensor row and column of the first pixel of each.
         """
         if np.ptp(shares) == 0:
             return shares[0, 0]
-        return shares[self._filters(giving, shape), self._filters(receiving, shape)]
-
-    def _filters(self, origin: tuple[int, int], shape: tuple[int, ...]) -> NDArray[np.intp]:
-        """Filter numbers of the pixels of a window, (H, W)."""
-        tile = np.array(self.tile)
-        rows, columns = (
-            (np.arange(length) + first) % period
-            for length, first, period in zip(shape, origin, tile.shape, strict=True)
-        )
-        return np.asarray(tile[np.ix_(rows, columns)])
+        return shares[
+            filters_of(self.tile, giving, shape), filters_of(self.tile, receiving, shape)
+        ]

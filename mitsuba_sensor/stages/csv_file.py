@@ -10,9 +10,9 @@ from ..core.small_files import require_small
 def read_rows(
     name: str, folder: str, what: str, first_names: Collection[str] = ()
 ) -> list[list[str]]:
-    """The cells of a file in ``folder``, that of the camera file; else ValueError.
+    """Return the cells of a file in ``folder``, the folder of the camera file. Raises ValueError.
 
-    what : it is, for messages.  first_names : see :func:`rows_of`.
+    what : description of the file, for errors.  first_names : see :func:`rows_of`.
     """
     path = Path(folder) / name
     try:

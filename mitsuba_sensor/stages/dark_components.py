@@ -1,4 +1,4 @@
-"""Components of the dark signal: shares of the pixels with a distribution of their own (paper, long exposures)."""
+"""Components of the dark signal: fractions of the pixels with a separate distribution (paper, long exposures)."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ Reference = Annotated[float, Field(ge=50, strict=True)]
 
 
 class DarkComponentSection(FileTable):
-    """A share of the pixels whose mean dark signal has a distribution of its own."""
+    """A fraction of the pixels whose mean dark signal has a separate distribution."""
 
-    weight: Chance = Field(description="share of the pixels", examples=[0.001])
+    weight: Chance = Field(description="fraction of the pixels", examples=[0.001])
     family: Literal["uniform", "normal"] = Field(
         description="distribution of the component", examples=["uniform"]
     )
@@ -65,13 +65,13 @@ class DarkComponentSection(FileTable):
 
 @dataclass(frozen=True)
 class DarkComponent:
-    """Share ``weight`` of the pixels has a mean dark signal from this distribution instead of the main one.
+    """Distribution of the mean dark signal of a fraction ``weight`` of the pixels, instead of the main distribution.
 
-    family : "uniform" on [first, second], or "normal" of mean first and σ second, cut at 0.
-    e_per_unit : one of its unit in electrons [e-]; ``per_second`` says that it is a rate. Otherwise the numbers are of
-        the exposure as it is, however long.
-    at_temperature_k, activation_ev : the numbers are of that temperature T_ref [K]; at another one they are
-        exp(E_a/k·(1/T_ref − 1/T)) times as large.
+    family : "uniform" on [first, second], or "normal" with mean first and σ second, cut at 0.
+    e_per_unit : electrons per unit of the numbers [e-].
+    per_second : True for rates; False for numbers that hold for an exposure of any time.
+    at_temperature_k, activation_ev : temperature T_ref of the numbers [K]; at T they are exp(E_a/k·(1/T_ref − 1/T))
+        times as large.
     """
 
     weight: float
@@ -84,7 +84,7 @@ class DarkComponent:
     activation_ev: float = 0.0
 
     def electrons(self, quantile: Any, frame: Frame) -> Any:
-        """(H, W) quantiles, 0 … 1 → mean dark electrons of pixels of this component."""
+        """Return the mean dark electrons for quantiles from 0 to 1, shape (H, W)."""
         if self.family == "uniform":
             value = frame.number(self.first) + frame.number(self.second - self.first) * quantile
         else:
@@ -95,18 +95,18 @@ class DarkComponent:
         return frame.number(self.unit_e(frame.exposure)) * value
 
     def unit_e(self, exposure: Exposure) -> float:
-        """One of the component's unit at this time and temperature [e-]."""
+        """Return one unit of the numbers at this time and temperature [e-]."""
         thermal = arrhenius(exposure.temperature_k, self.at_temperature_k, self.activation_ev)
         return self.e_per_unit * thermal * (exposure.time_s if self.per_second else 1.0)
 
 
 def reference_temperature_k(camera: Datasheet) -> float:
-    """Temperature of dark signals that do not name their own: dark_current.at_temperature_k, else 300 K."""
+    """Return the temperature of dark signals without their own: dark_current.at_temperature_k, else 300 K."""
     return float(camera.dark_current.at_temperature_k or FIGURE_OF_MERIT_AT_K)
 
 
 def superimpose(parts: tuple[DarkComponent, ...], main: Any, frame: Frame) -> Any:
-    """Mean dark electrons (H, W): every pixel belongs to the main distribution or to one component."""
+    """Return mean dark electrons, shape (H, W); each pixel has the main distribution or one component."""
     maps = component_maps(parts, frame.window)
     dark = main
     for number, part in enumerate(parts, start=1):
@@ -116,7 +116,7 @@ def superimpose(parts: tuple[DarkComponent, ...], main: Any, frame: Frame) -> An
 
 
 def component_maps(parts: tuple[DarkComponent, ...], window: SensorWindow) -> dict[str, Any]:
-    """``dark_component``: number of the pixel's component; ``dark_component_quantile``: its quantile there."""
+    """Return ``dark_component``, the component of each pixel, and ``dark_component_quantile``, its quantile."""
     number = _Number(tuple(accumulate(part.weight for part in parts)))
     return {
         "dark_component": window.measured_or(
@@ -130,7 +130,7 @@ def component_maps(parts: tuple[DarkComponent, ...], window: SensorWindow) -> di
 
 @dataclass(frozen=True)
 class _Number:
-    """Random bits → the number of the component: 1 below the first edge, 2 below the second, …, 0 above the last."""
+    """Number of the component from random bits: 1 below the first edge, 2 below the second, …, 0 above the last."""
 
     edges: tuple[float, ...]
 

@@ -1,16 +1,14 @@
-"""How fast a pixel fills in the dark: rates against temperature, in Python float64 (float32 underflows at 72 K)."""
+"""Dark current versus temperature, in Python float64 (float32 underflows at 72 K)."""
 
 import math
 from dataclasses import dataclass
 
 from ..core.units import BOLTZMANN_EV_PER_K, ELEMENTARY_CHARGE_C
 
-FIGURE_OF_MERIT_AT_K = (
-    300.0  # where figures of merit of dark current are defined (Janesick 2001)
-)
-
-HOTTEST = math.log(1e30)
-"""A dark current is not more than 1e30 times that at its reference temperature, so that squares stay finite."""
+FIGURE_OF_MERIT_AT_K = 300.0
+"""Temperature of figures of merit of dark current [K] (Janesick 2001)."""
+EXPONENT_MAX = math.log(1e30)
+"""Limits a dark current to 1e30 times its value at the reference temperature, so that squares stay finite."""
 
 
 def band_gap_ev(temperature_k: float) -> float:
@@ -36,11 +34,11 @@ def arrhenius(temperature_k: float, at_temperature_k: float, activation_ev: floa
     if temperature_k == 0:
         return 0.0
     exponent = activation_ev / BOLTZMANN_EV_PER_K * (1 / at_temperature_k - 1 / temperature_k)
-    return math.exp(min(exponent, HOTTEST))
+    return math.exp(min(exponent, EXPONENT_MAX))
 
 
 def rate_at_300_e_per_s(fom_na_per_cm2: float, area_cm2: float) -> float:
-    """What a figure of merit means on a pixel of this area [e-/s]."""
+    """Return the dark current of a pixel of this area at 300 K [e-/s], from its figure of merit."""
     return area_cm2 * fom_na_per_cm2 * 1e-9 / ELEMENTARY_CHARGE_C
 
 
@@ -52,7 +50,7 @@ class FigureOfMerit:
     """
 
     fom_na_per_cm2: float  # D_FM
-    area_cm2: float  # P_A, the whole pixel; the fill factor does not count in the dark
+    area_cm2: float  # P_A, the whole pixel; in the dark the fill factor has no effect
 
     def rate_e_per_s(self, temperature_k: float) -> float:
         """Dark electrons per second; 0 at 0 K."""
@@ -63,12 +61,12 @@ class FigureOfMerit:
 
 @dataclass(frozen=True)
 class Mpp:
-    """Dark current of a multi-pinned-phase pixel: diffusion and depletion apart (paper eq. 2, normalised).
+    """Dark current of a multi-pinned-phase pixel: diffusion and depletion separately (paper eq. 2, normalised).
 
     D_R(T) = D_diff·(T/300)³·exp(E_g(300)/(k·300) − E_g/(kT)) + D_dep·(T/300)^1.5·exp(… /2k)  [e-/s]
     """
 
-    diffusion_fom_na_per_cm2: float  # at 300 K, as the next
+    diffusion_fom_na_per_cm2: float  # at 300 K, like the next
     fom_na_per_cm2: float
     area_cm2: float
 
@@ -85,7 +83,7 @@ class Mpp:
 
 @dataclass(frozen=True)
 class Measured:
-    """A rate [e-/s] measured at one temperature [K], carried to others by the law of eq. 1."""
+    """A rate [e-/s] measured at one temperature [K], converted to other temperatures by eq. 1."""
 
     rate: float
     at_temperature_k: float

@@ -1,4 +1,4 @@
-"""Camera file: types and ranges of its fields, and the tables of the chip; the other fields stand in effects/."""
+"""Types and ranges of the fields of camera files, and the tables of chip and pixel; effects/ declares the others."""
 
 from __future__ import annotations
 
@@ -44,23 +44,24 @@ Kelvin = Usual.of(65, 500, CELSIUS)
 Nanometres = Usual.of(100, 3000, UM_TO_NM, METRES_TO_NM)
 ByWavelength = float | tuple[float, ...]
 SensitivityMap = tuple[tuple[NotNegative, ...], ...]
-SAME_AREA = 0.01  # by how much fill factor and area of the pixel's aperture may differ
+SAME_AREA = 0.01
+"""Largest relative difference between the fill factor and the area of the pixel's aperture."""
 
 
 class FileTable(BaseModel):
     """A table of a camera file: frozen, equal by value, no unknown fields, no NaN.
 
-    cmos_only : fields that a CCD cannot have, with the value that means none.
+    cmos_only : fields that a CCD cannot have.
     """
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {}
+    cmos_only: ClassVar[tuple[str, ...]] = ()
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True
     )
 
     @classmethod
     def notes_of(cls, camera: Camera) -> tuple[str, ...]:
-        """Sentences about this camera's values of these fields that are allowed and may surprise."""
+        """Notes on allowed but unusual values of these fields in this camera."""
         return ()
 
     def __dir__(self) -> list[str]:
@@ -72,30 +73,29 @@ class FileTable(BaseModel):
         ]
 
     def __setattr__(self, name: str, value: object) -> None:
-        """Refuse to change a field in place, in one sentence."""
+        """Raise InputError: fields are not changed in place."""
         if name in type(self).model_fields:
             raise InputError(
-                f"{name} is not changed in place; camera.replace(**{{'adc.bits': 10}}) makes another camera."
+                f"{name} cannot be changed in place; camera.replace(**{{'adc.bits': 10}}) returns a changed camera."
             )
         super().__setattr__(name, value)
 
     def __hash__(self) -> int:
-        """Of the values, by which tables are compared; those of a camera's own stages need no hash."""
+        """Hash of the values, by which tables are compared."""
         return hash(
             (type(self), *(_hashable(getattr(self, name)) for name in type(self).model_fields))
         )
 
     def _is_table(self, name: str, axis_name: str) -> bool:
-        """Whether there are values at positions that increase, as many as positions; False for neither. Raises
-        ValueError."""
+        """Return whether values and their increasing positions are given; ValueError if they do not match."""
         values, axis = getattr(self, name), getattr(self, axis_name)
         if (values is None) != (axis is None):
-            raise ValueError(f"{name} and {axis_name} go together; one is missing")
+            raise ValueError(f"give both {name} and {axis_name}, or neither")
         if values is None:
             return False
         if len(values) != len(axis) or len(values) < 2:
             raise ValueError(
-                f"{name} has {len(values)} values for {len(axis)} {axis_name}; at least 2 each"
+                f"{name} has {len(values)} values for {len(axis)} {axis_name}; give as many of each, at least 2"
             )
         if any(b <= a for a, b in pairwise(axis)):
             raise ValueError(f"{axis_name} must increase from each point to the next")
@@ -103,7 +103,7 @@ class FileTable(BaseModel):
 
 
 def _hashable(value: object) -> object:
-    """A value whose lists are tuples and whose tables are sets of pairs."""
+    """Return the value with lists as tuples and tables as sets of pairs."""
     if isinstance(value, Mapping):
         return frozenset((key, _hashable(inner)) for key, inner in value.items())
     if isinstance(value, list | tuple):
@@ -114,12 +114,12 @@ def _hashable(value: object) -> object:
 def optional(
     description: str, example: object, default: Any = None, title: str | None = None
 ) -> Any:
-    """A field that a camera file may leave out.  title : its name in the literature, for the glossary."""
+    """Declare a field that a camera file may omit.  title : its name in the literature, for the glossary."""
     return Field(default, title=title, description=description, examples=[example])
 
 
 class CameraTable(FileTable):
-    """A table of a camera file whose fields come from the effects of the chain (Camera puts them together)."""
+    """A table of a camera file whose fields come from the effects of the chain (Camera combines them)."""
 
     if TYPE_CHECKING:
 
@@ -127,7 +127,7 @@ class CameraTable(FileTable):
 
 
 def _numbers_from(low: float, high: float, example: float) -> BeforeValidator:
-    """Check of a number or of one for each wavelength, from one limit to the other."""
+    """Return a check of one number, or one for each wavelength, within these limits."""
 
     def checked(value: object) -> object:
         numbers = value if isinstance(value, list | tuple) else (value,)
@@ -136,7 +136,7 @@ def _numbers_from(low: float, high: float, example: float) -> BeforeValidator:
                 continue
             if type(number) not in (int, float) or not low <= number <= high:
                 raise ValueError(
-                    f"{number!r} is not a number from {low:g} to {high:g}; give one for all or for each of "
+                    f"{number!r} is not a number from {low:g} to {high:g}; give one for all, or one for each of "
                     f"quantum_efficiency.wavelengths_nm, e.g. {example:g}"
                 )
         if isinstance(value, list | tuple):
@@ -150,12 +150,12 @@ class SensorSection(FileTable):
     """The chip."""
 
     technology: Literal["cmos", "ccd"] = Field(
-        title="CCD, CMOS", description="chooses the stages of the chain", examples=["cmos"]
+        title="CCD, CMOS", description="determines the stages of the chain", examples=["cmos"]
     )
     columns: Side = Field(description="pixels in a row", examples=[1900])
     rows: Side = Field(description="pixels in a column", examples=[1300])
     shutter: Literal["global", "rolling"] = optional(
-        "all rows open at once, or one after the other from the top",
+        "whether all rows expose at once, or one after the other from the top",
         "rolling",
         "global",
         title="global shutter, rolling shutter",
@@ -163,38 +163,38 @@ class SensorSection(FileTable):
     row_time_us: Annotated[
         Positive | None, Usual.of(0.5, 1e4, SECONDS_TO_US, MS_TO_US, NS_TO_US)
     ] = optional(
-        "time from the start of a row to that of the next, of a rolling shutter [µs]",
+        "time between the starts of successive rows of a rolling shutter [µs]",
         15.0,
         title="row time, line time",
     )
     polarizers: tuple[tuple[Angle, ...], ...] | None = optional(
-        "rows of the angles of the transmission axes of polarisers that repeat over the sensor, from the "
-        "columns' direction to the right counter-clockwise as one looks at the picture [°]",
+        "repeating tile of the polarisers' transmission axes, angles counter-clockwise from the row direction (to "
+        "the right) as one looks at the picture [°]",
         [[90, 45], [135, 0]],
         title="polariser mosaic, analyser",
     )
     extinction_ratio: Annotated[ByWavelength | None, _numbers_from(1, 1e6, 300)] = optional(
-        "of the polarisers, τ_max/τ_min, one number or one for each of quantum_efficiency.wavelengths_nm",
+        "extinction ratio of the polarisers, τ_max/τ_min, one for all or one for each of "
+        "quantum_efficiency.wavelengths_nm",
         300,
         title="extinction ratio, contrast of polarisers",
     )
     polarizer_transmission: Annotated[ByWavelength | None, _numbers_from(1e-6, 1, 0.9)] = (
         optional(
-            "of light that is polarised along their axis, τ_max, one number or one for each of "
-            "quantum_efficiency.wavelengths_nm; 1 if not given",
+            "transmission of light polarised along the axis, τ_max, one for all or one for each of "
+            "quantum_efficiency.wavelengths_nm; default 1",
             0.9,
             title="transmittance of polarisers",
         )
     )
     dual_pixel: Annotated[bool, Field(strict=True)] = optional(
-        "whether every pixel has two photodiodes side by side under its microlens, each of which sees half "
-        "of the pupil",
+        "whether each pixel has two photodiodes side by side under its microlens, each seeing half of the pupil",
         True,
         False,
         title="dual pixel, dual photodiode (2PD), phase-detection autofocus (PDAF)",
     )
     without: tuple[str, ...] = optional(
-        "noise sources that are switched off, by the keys of their stages",
+        "noise sources to switch off, by the keys of their stages",
         ["shot_noise"],
         (),
         title="noise source switched off",
@@ -202,7 +202,7 @@ class SensorSection(FileTable):
 
     @property
     def polarizer_periods(self) -> tuple[int, int]:
-        """Rows and columns after which the polarisers repeat; (1, 1) without."""
+        """Rows and columns of the polariser tile; (1, 1) without polarisers."""
         tile = self.polarizers or ((0.0,),)
         return len(tile), len(tile[0])
 
@@ -213,15 +213,15 @@ class SensorSection(FileTable):
             for name in ("extinction_ratio", "polarizer_transmission"):
                 if getattr(self, name) is not None:
                     raise ValueError(
-                        f"{name} is given and no polarizers; give their angles, e.g. [[90, 45], [135, 0]], or unset "
-                        f"{name} too"
+                        f"{name} is given without polarizers; give their angles, e.g. [[90, 45], [135, 0]], or unset "
+                        f"{name}"
                     )
             return self
         if self.extinction_ratio is None:
             raise ValueError("polarizers need extinction_ratio, τ_max/τ_min, e.g. 300")
         if not tile or not tile[0] or any(len(row) != len(tile[0]) for row in tile):
             raise ValueError(
-                "polarizers must be a rectangle of angles: every row as long as the first, and none empty"
+                "polarizers must be a rectangle of angles: rows of equal length, none empty"
             )
         return self
 
@@ -243,19 +243,19 @@ SLANT_TABLES = (
 
 
 class MicrolensFields(CameraTable):
-    """The microlenses: the response to light from a side, and how they are shifted towards the lens."""
+    """The microlenses: the response to oblique light, and their shift towards the lens."""
 
     angular_response: tuple[Chance, ...] | None = optional(
-        "response to light from a side over that to light at the angle that the microlens is made for, 1 at 0",
+        "response to light at an angle to the design angle of the microlens, relative to that at the design angle",
         [1.0, 0.95, 0.7, 0.3],
         title="angular response, angle of incidence",
     )
     angular_response_deg: tuple[SlantAngle, ...] | None = optional(
-        "angles of angular_response to the one that the microlens is made for, from 0 [°]",
+        "angles of angular_response to the design angle of the microlens, from 0 [°]",
         [0.0, 10.0, 20.0, 30.0],
     )
     microlens_cra_deg: tuple[SlantAngle, ...] | None = optional(
-        "chief-ray angles that the microlenses are made for; none: 0 everywhere [°]",
+        "chief-ray angles that the microlenses are designed for; default: 0 everywhere [°]",
         [0.0, 12.0, 25.0],
         title="chief-ray angle (CRA), microlens shift",
     )
@@ -270,11 +270,11 @@ class MicrolensFields(CameraTable):
                 raise ValueError(f"{axis_name} must begin at 0")
         if self.angular_response is not None and self.angular_response[0] != 1:
             raise ValueError(
-                f"angular_response begins with {self.angular_response[0]:g}; it is 1 at the angle 0"
+                f"angular_response begins with {self.angular_response[0]:g}; it must be 1 at the angle 0"
             )
         if self.microlens_cra_deg is not None and self.angular_response is None:
             raise ValueError(
-                "microlens_cra_deg has no effect without angular_response; give the response to light from a side"
+                "microlens_cra_deg has no effect without angular_response; give the response to oblique light"
             )
         return self
 
@@ -289,15 +289,15 @@ class PixelGeometry(MicrolensFields):
         title="pixel height", description="height of a pixel [µm]", examples=[5.7]
     )
     fill_factor: Annotated[Fraction, Usual.of(0.05, 1, PERCENT)] = Field(
-        title="fill factor", description="share of the pixel that sees light", examples=[0.5]
+        title="fill factor", description="light-sensitive fraction of the pixel", examples=[0.5]
     )
     aperture: Annotated[
         Literal["full", "square"] | tuple[Fraction, Fraction] | SensitivityMap,
         BeforeValidator(aperture_value),
     ] = optional(
-        "what of the pixel collects light: all of it by a microlens, a square of the fill factor in its "
-        "middle, a width and height as shares of the pitch, or rows of the measured sensitivity within the pixel, "
-        "whose ratios count (or a .csv file of them)",
+        "light-collecting part of the pixel: full (a microlens), a square of the fill factor in its middle, width and "
+        "height as fractions of the pitch, or rows of the measured relative sensitivity within the pixel (or a .csv "
+        "file of them)",
         "square",
         "full",
         title="pixel aperture, pixel MTF, sensitivity within the pixel",
@@ -305,7 +305,7 @@ class PixelGeometry(MicrolensFields):
 
     @property
     def aperture_shape(self) -> PixelAperture:
-        """Where in the pixel light counts."""
+        """The light-collecting part of the pixel."""
         if self.aperture == "full":
             return PixelAperture()
         if self.aperture == "square":
@@ -319,15 +319,15 @@ class PixelGeometry(MicrolensFields):
     def _aperture_has_the_fill_factor(self) -> Self:
         if (largest := max(self.aperture_shape.sides)) > 1 + 1e-9:
             raise ValueError(
-                f"aperture is 'square' and its side would be {largest:.3g} of the smaller pitch, at most 1; give its "
-                "two sides, e.g. [0.9, 0.6]"
+                f"aperture is 'square' and its side would be {largest:.3g} times the smaller pitch, more than 1; give "
+                "its two sides, e.g. [0.9, 0.6]"
             )
         if isinstance(self.aperture, tuple) and self.fill_factor < 1:
             area = self.aperture_shape.area
             if abs(area / self.fill_factor - 1) > SAME_AREA:
                 raise ValueError(
-                    f"aperture has {area:.3g} of the pixel's area and fill_factor is {self.fill_factor:g}; make "
-                    "the product of its sides, or the mean of its map over the largest value, the fill factor, or set "
-                    "that to 1 where the quantum efficiency is that of the whole pixel"
+                    f"aperture covers {area:.3g} of the pixel's area and fill_factor is {self.fill_factor:g}; make "
+                    "the product of its sides, or the mean of its map over the maximum, equal to fill_factor, or set "
+                    "fill_factor to 1 if the quantum efficiency is that of the whole pixel"
                 )
         return self

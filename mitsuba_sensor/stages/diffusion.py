@@ -1,7 +1,7 @@
-"""Charge diffusion: photoelectrons go sideways before a pixel collects them, further where light goes deeper.
+"""Charge diffusion: photoelectrons move sideways before a pixel collects them, further for deeper absorption.
 
-Electrons that are freed at one place arrive in a Gaussian about it. Averaged over the pixel that frees them and over
-the one that collects them, that is a share for each neighbour. Janesick, Scientific CCDs (2001), has widths.
+Electrons freed at one point arrive with a Gaussian distribution around it. Averaged over the freeing and the collecting
+pixel, each neighbour gets a fraction. Janesick, Scientific CCDs (2001), lists widths.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SpectralCurve:
-    """A quantity against wavelength: linear between the points, 0 outside them.
+    """A quantity versus wavelength: linear between the points, 0 outside.
 
-    wavelengths_nm : increasing [nm].  values : at each of them; electrons per photon for a QE.
+    wavelengths_nm : increasing wavelengths [nm].  values : value at each wavelength.
     """
 
     wavelengths_nm: tuple[float, ...]
     values: tuple[float, ...]
 
     def at(self, wavelengths_nm: Array) -> Array:
-        """Values at these wavelengths, (B,)."""
+        """Return the values at these wavelengths, shape (B,)."""
         return arrays.interpolate(wavelengths_nm, self.wavelengths_nm, self.values)
 
     def of(
@@ -44,7 +44,7 @@ class SpectralCurve:
         factor: SpectralCurve | None = None,
         power: int = 1,
     ) -> Array:
-        """Means over the bands of the photons, or values at their wavelengths, (B,); times factor**power."""
+        """Return means over the photons' bands, or values at their wavelengths, times factor**power, shape (B,)."""
 
         def values(nm: Array) -> Array:
             if factor is None:
@@ -58,18 +58,18 @@ class SpectralCurve:
         )
 
 
-WIDEST_PX = 2.0
+SIGMA_MAX_PX = 2.0
 """Largest standard deviation of the Gaussian [pixels]."""
 
 REACH_SIGMA = 4.5
-"""Beyond so many standard deviations and one pixel there are no electrons: shares are exact to 1e-6."""
+"""Electrons farther than this [σ] and one pixel are ignored: fractions are exact within 1e-6."""
 
 
 @dataclass(frozen=True)
 class Diffusion:
-    """Shares of the photoelectrons of a pixel that the pixels about it collect, by wavelength.
+    """Fractions of a pixel's photoelectrons that the surrounding pixels collect, by wavelength.
 
-    sigma_um : standard deviation of the Gaussian against wavelength [µm].
+    sigma_um : standard deviation of the Gaussian versus wavelength [µm].
     pitch_um : height and width of a pixel [µm].
     """
 
@@ -78,7 +78,7 @@ class Diffusion:
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> Diffusion | None:
-        """That of the camera; None where every electron stays in its pixel."""
+        """Return the diffusion of the camera; None if every electron stays in its pixel."""
         section, pixel = camera.quantum_efficiency, camera.pixel
         if section.diffusion_um is None or not any(section.diffusion_um):
             return None
@@ -87,17 +87,18 @@ class Diffusion:
 
     @property
     def reach_px(self) -> int:
-        """How far away a pixel is that gets electrons."""
+        """Distance of the farthest pixel that gets electrons [pixels]."""
         widest_px = max(self.sigma_um.values) / min(self.pitch_um)
         return math.ceil(REACH_SIGMA * widest_px) + 1
 
     def collected(
         self, freed_with: Callable[[Array], Array], wavelengths_nm: Array
     ) -> Float64Array:
-        """Mean photoelectrons that the pixels of a window collect, (H, W).
+        """Return the mean photoelectrons that the pixels of a window collect, shape (H, W).
 
-        freed_with : returns those of a window that is wider by ``reach_px`` on each side, with these weights of bands.
-        wavelengths_nm : of the bands, (B,).
+        freed_with : function of weights of the bands; returns the photoelectrons freed in a window that is wider by
+            ``reach_px`` on each side.
+        wavelengths_nm : wavelengths of the bands, shape (B,).
         """
         reach_px = self.reach_px
         down, right = self.shares(0, wavelengths_nm), self.shares(1, wavelengths_nm)
@@ -114,7 +115,7 @@ class Diffusion:
         return np.asarray(total)
 
     def shares(self, axis: int, wavelengths_nm: Array) -> Float64Array:
-        """Share of a row (axis 0) or column (1) so many pixels away, (reach_px + 1, B)."""
+        """Return the fraction for each distance in rows (axis 0) or columns (1), shape (reach_px + 1, B)."""
         sigma_px = self.sigma_um.at(wavelengths_nm) / self.pitch_um[axis]
         distance_px = np.arange(-1, self.reach_px + 2)[:, None]
         integral = _integral_twice(distance_px, np.maximum(sigma_px, 1e-9))
@@ -122,12 +123,12 @@ class Diffusion:
 
 
 def _integral_twice(x: Array, sigma: Array) -> Float64Array:
-    """Second integral of a Gaussian of mean 0: x·Φ(x/σ) + σ·φ(x/σ)."""
+    """Return the second integral of a Gaussian of mean 0: x·Φ(x/σ) + σ·φ(x/σ)."""
     z = x / sigma
     density = np.exp(-0.5 * z**2) / math.sqrt(2 * math.pi)
     return np.asarray(x * scipy.special.ndtr(z) + sigma * density)
 
 
 def _places(rows: int, columns: int) -> Iterator[tuple[int, int]]:
-    """The pixels that are so many rows and columns away, on either side."""
+    """Return the offsets of the pixels at this distance in rows and columns, on both sides."""
     return product(sorted({rows, -rows}), sorted({columns, -columns}))

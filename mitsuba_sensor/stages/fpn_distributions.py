@@ -1,28 +1,27 @@
 """Distributions of FPN factors: log-normal, gamma, Wald, normal, logistic and autoregressive maps of mean 1.
 
-Each has a coefficient of variation and mean 1, whatever that is (the paper's 1 + lnN(0, …) has not).
+Each has mean 1 for any coefficient of variation, unlike the paper's 1 + lnN(0, …).
 """
 
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from ..core import SensorWindow, arrays, distributions
+from ..core import Array, SensorWindow, arrays, distributions
 from ..core.backend import Backend, normals, uniforms
 
 NARROW = 1.0
-"""cv of a log-normal law below which less than 1e-6 of its variance lies beyond the largest number that is drawn."""
+"""cv of a log-normal below which less than 1e-6 of its variance lies above the largest random number."""
 
 
 def require_drawable(
     field: str, cv: float, distribution: type["FpnDistribution"], name: str
 ) -> None:
-    """Raise ValueError for a coefficient of variation that 32 random bits do not draw."""
+    """Raise ValueError for a coefficient of variation that 32 random bits cannot represent."""
     if cv > distribution.largest_cv:
         raise ValueError(
-            f"{field} is {cv:g}; that of {name} must be at most {distribution.largest_cv:g}, beyond which "
-            "random numbers of 32 bits miss its mean. Take another distribution, or write "
-            f"{cv / 100:g} if {cv:g} is in percent"
+            f"{field} is {cv:g}; with distribution {name} it must be at most {distribution.largest_cv:g}, because 32 "
+            f"random bits miss the mean above; use another distribution, or write {cv / 100:g} if {cv:g} is in percent"
         )
 
 
@@ -30,18 +29,18 @@ def require_drawable(
 class FpnDistribution:
     """A distribution of mean 1; subclasses turn random bits into factors.
 
-    largest_cv : up to which the factors that 32 random bits draw have the mean within 0.1 %, in float32 too.
+    largest_cv : largest cv for which factors from 32 random bits have the mean within 0.1 %, also in float32.
     """
 
     cv: float
     largest_cv: ClassVar[float] = math.inf
 
     def map_of(self, window: SensorWindow, source: str) -> Any:
-        """The camera's map, (H, W)."""
+        """Return the camera's map, shape (H, W)."""
         return window.fixed_map(source, self.from_bits)
 
     def from_bits(self, backend: Backend, bits: Any) -> Any:
-        """(H, W) random bits → (H, W) factors."""
+        """Return factors from random bits, shape (H, W)."""
         raise TypeError(f"{type(self).__name__} is not a distribution by itself")
 
 
@@ -49,19 +48,19 @@ class FpnDistribution:
 class LogNormal(FpnDistribution):
     """exp(σz − σ²/2), σ² = ln(1 + cv²): the long tail of hot pixels (paper eq. 18, made unit-mean).
 
-    Mean and variance are those of the factors that can be drawn, whose z ends at 6.3: at a cv of 10 the standard
-    deviation is 0.6 % smaller for it, at 100 it is 17 %.
+    z ends at 6.3, where random numbers of 32 bits end: the standard deviation is 0.6 % smaller at cv = 10, and 17 % at
+    cv = 100.
     """
 
     largest_cv = 100.0
 
     def from_bits(self, backend: Backend, bits: Any) -> Any:
-        """(H, W) random bits → (H, W) factors > 0."""
+        """Return factors > 0, shape (H, W)."""
         return backend.lognormal(bits, self.cv)
 
     @property
     def drawn_cv(self) -> float:
-        """Coefficient of variation of the factors that can be drawn."""
+        """Coefficient of variation of the factors from 32 random bits."""
         if self.cv <= NARROW:
             return self.cv
         mean, square = (distributions.lognormal_moment(self.cv, power) for power in (1, 2))
@@ -75,7 +74,7 @@ class Gamma(FpnDistribution):
     largest_cv = 50.0
 
     def from_bits(self, backend: Backend, bits: Any) -> Any:
-        """(H, W) random bits → (H, W) factors ≥ 0."""
+        """Return factors ≥ 0, shape (H, W)."""
         return backend.gamma(bits, self.cv)
 
 
@@ -86,7 +85,7 @@ class Wald(FpnDistribution):
     largest_cv = 1000.0
 
     def map_of(self, window: SensorWindow, source: str) -> Any:
-        """The camera's map, (H, W): the two roots of a χ² draw, and a second number that picks one."""
+        """Return the camera's map, shape (H, W): two roots of a χ² number, and a second number that picks one."""
 
         def make() -> Any:
             z, pick = (
@@ -103,11 +102,11 @@ class Gaussian(FpnDistribution):
     """max(0, 1 + cv·z)/E[…]: normal, cut at zero, and of mean 1 for every cv."""
 
     def from_bits(self, backend: Backend, bits: Any) -> Any:
-        """(H, W) random bits → (H, W) factors ≥ 0."""
+        """Return factors ≥ 0, shape (H, W)."""
         return self.of_normal(backend, backend.normal(bits))
 
     def of_normal(self, backend: Backend, z: Any) -> Any:
-        """The factor of a standard normal."""
+        """Return the factor for a standard normal."""
         return arrays.maximum(1 + backend.number(self.cv) * z, 0.0) * backend.number(
             1 / distributions.rectified_normal_mean(self.cv)
         )
@@ -118,7 +117,7 @@ class Rectified(Gaussian):
     """max(0, 1 + cv·z): the paper's PRNU (eq. 15), whose mean rises when it cuts, by 8 % at cv = 1."""
 
     def of_normal(self, backend: Backend, z: Any) -> Any:
-        """The factor of a standard normal."""
+        """Return the factor for a standard normal."""
         return arrays.maximum(1 + backend.number(self.cv) * z, 0.0)
 
 
@@ -127,7 +126,7 @@ class Logistic(FpnDistribution):
     """max(0, 1 + s·ln((1−p)/p))/E[…], s = √3·cv/π: heavier tails than a normal (paper, 25 °C)."""
 
     def from_bits(self, backend: Backend, bits: Any) -> Any:
-        """(H, W) random bits → (H, W) factors ≥ 0."""
+        """Return factors ≥ 0, shape (H, W)."""
         factor = arrays.maximum(1 + backend.number(self._scale) * backend.logistic(bits), 0.0)
         return factor * backend.number(1 / distributions.rectified_logistic_mean(self._scale))
 
@@ -138,15 +137,34 @@ class Logistic(FpnDistribution):
 
 @dataclass(frozen=True)
 class Autoregressive(Gaussian):
-    """Normal, separable isotropic AR along rows and columns, ρ₁ = 2·coupling (El Gamal et al. 1998, the pixels)."""
+    """Normal, separable isotropic AR along rows and columns, ρ₁ = 2·coupling (El Gamal et al. 1998)."""
 
     coupling: float = 0.0
 
     def map_of(self, window: SensorWindow, source: str) -> Any:
-        """The camera's map, (H, W)."""
+        """Return the camera's map, shape (H, W)."""
         return self.of_normal(window.backend, window.correlated(source, self.coupling))
 
 
 @dataclass(frozen=True)
 class AutoregressiveRectified(Rectified, Autoregressive):
     """:class:`Autoregressive` for the PRNU: max(0, 1 + cv·x), x separable isotropic AR."""
+
+
+@dataclass(frozen=True)
+class Sites:
+    """Random bits to ``inside`` for this fraction of the pixels, to ``outside`` for the others."""
+
+    fraction: float
+    inside: float = 1.0
+    outside: float = 0.0
+
+    def __call__(self, backend: Backend, bits: Array) -> Array:
+        """Return the values of the pixels."""
+        values = backend.number(self.inside), backend.number(self.outside)
+        return arrays.where(backend.uniform(bits) < backend.number(self.fraction), *values)
+
+
+def site_map(window: SensorWindow, name: str, fraction: float) -> dict[str, Array]:
+    """Return the map ``name``: 1 for a random fraction of the pixels, else 0, or as measured."""
+    return {name: window.measured_or(name, lambda: window.fixed_map(name, Sites(fraction)))}

@@ -6,14 +6,14 @@ from ..core.units import ELEMENTARY_CHARGE_C
 from .stage import Datasheet
 
 ANY_SENSE_GAIN_V_PER_E = 50e-6
-"""A_SN of a camera whose datasheet has K alone. Its full scale makes up for it, so that no frame depends on it."""
+"""A_SN of a camera whose datasheet has only K. Its full scale compensates, so no frame depends on A_SN."""
 
 LINEAR_BELOW = 1e-12
-"""A V/e non-linearity α·A_SN·N/V_REF below this at full well is none: the node is linear to that share."""
+"""A V/e non-linearity α·A_SN·N/V_REF below this at full well is ignored."""
 
 
 def sense_gain_v_per_e(camera: Datasheet) -> float:
-    """A_SN [V/e-]: as given, or V_REF·q/k₁; any where the overall system gain K alone is given."""
+    """Return A_SN [V/e-]: as given, or V_REF·q/k₁; arbitrary if only the overall system gain K is given."""
     readout = camera.readout
     if readout.sense_gain_uv_per_e is not None:
         return float(readout.sense_gain_uv_per_e * 1e-6)
@@ -23,14 +23,14 @@ def sense_gain_v_per_e(camera: Datasheet) -> float:
 
 
 def volts_per_electron(camera: Datasheet) -> float:
-    """A_SN·A_SF·A_CDS [V/e-] of electrons at the sense node."""
+    """Return A_SN·A_SF·A_CDS [V/e-] for electrons at the sense node."""
     return float(
         sense_gain_v_per_e(camera) * camera.source_follower.gain * camera.readout.cds_gain
     )
 
 
 def ve_nonlinearity_at_full_well(camera: Datasheet) -> float:
-    """α·A_SN·N/V_REF of a full well, the exponent of the V/e curve; 0 where that is below LINEAR_BELOW."""
+    """Return α·A_SN·N/V_REF at full well, the exponent of the V/e curve; 0 below LINEAR_BELOW."""
     linear_v = camera.pixel.full_well_e * sense_gain_v_per_e(camera)
     exponent = float(camera.readout.ve_nonlinearity * linear_v / camera.readout.v_ref_v)
     if exponent > LINEAR_BELOW:
@@ -39,7 +39,7 @@ def ve_nonlinearity_at_full_well(camera: Datasheet) -> float:
 
 
 def full_well_at_node_v(camera: Datasheet) -> float:
-    """Swing of a full well at the sense node [V], after its V/e curve."""
+    """Return the swing of a full well at the sense node after its V/e curve [V]."""
     linear_v, x = (
         float(camera.pixel.full_well_e * sense_gain_v_per_e(camera)),
         ve_nonlinearity_at_full_well(camera),
@@ -50,17 +50,14 @@ def full_well_at_node_v(camera: Datasheet) -> float:
 
 
 def full_well_swing_v(camera: Datasheet) -> float:
-    """Swing of a full well at the converter [V]: after V/e and V/V non-linearity and both amplifiers."""
+    """Return the swing of a full well at the ADC [V], after V/e and V/V non-linearity and both amplifiers."""
     follower = camera.source_follower
     at_node = full_well_at_node_v(camera)
     return float(at_node * follower.gain * follower.vv_nonlinearity * camera.readout.cds_gain)
 
 
 def full_scale_v(camera: Datasheet) -> float:
-    """V_FS, the swing that fills the code range [V]: as given, or what makes the given overall system gain K.
-
-    Where the datasheet has neither, it is the swing of a full well.
-    """
+    """Return V_FS, the swing of the whole code range [V]: as given, from the overall system gain K, or a full well."""
     given, gain = camera.adc.full_scale_v, camera.readout.gain_dn_per_e
     if gain is not None:
         return float(volts_per_electron(camera) * 2.0**camera.adc.bits / gain)
@@ -70,12 +67,12 @@ def full_scale_v(camera: Datasheet) -> float:
 
 
 def adc_gain_dn_per_v(camera: Datasheet) -> float:
-    """A = 2^bits/V_FS [DN/V]."""
+    """Return A = 2^bits/V_FS [DN/V]."""
     return float(2.0**camera.adc.bits / full_scale_v(camera))
 
 
 def excess_noise(camera: Datasheet) -> float:
-    """F², the variance of shot noise behind an EM gain over that in front of it times G²; 1 without one."""
+    """Return F², the shot noise variance after an EM gain G over G² times that before it; 1 without EM gain."""
     readout = camera.readout
     if readout.em_gain is None:
         return 1.0
@@ -83,14 +80,14 @@ def excess_noise(camera: Datasheet) -> float:
 
 
 def em_excess_noise(gain: float, elements: int) -> float:
-    """F² of a register of so many elements, each of which adds an electron with the same chance."""
+    """Return F² of a register of elements that each add an electron with the same probability."""
     return float(2 * (gain - 1) * gain ** (-(elements + 1) / elements) + 1 / gain)
 
 
 def gain_dn_per_e(camera: Datasheet) -> float:
-    """EMVA 1288's overall system gain K = G·A_SN·A_SF·A_CDS·2^bits/V_FS [DN/e-], of small signals in the pixel.
+    """Return the overall system gain K = G·A_SN·A_SF·A_CDS·2^bits/V_FS [DN/e-] (EMVA 1288) for small signals.
 
-    G is the EM gain of an EMCCD, else 1. Of several read-outs it is that of their linear code.
+    G is the EM gain of an EMCCD, else 1. With several readouts, K is the gain of their linear code.
     """
     if camera.readouts:
         return float(camera.combined_readouts.nominal_gain)
@@ -99,7 +96,7 @@ def gain_dn_per_e(camera: Datasheet) -> float:
 
 
 def gain_behind_register_dn_per_e(camera: Datasheet) -> float:
-    """K of an EM gain of 1: of electrons at the sense node [DN/e-]."""
+    """Return K without EM gain: DN per electron at the sense node [DN/e-]."""
     given = camera.readout.gain_dn_per_e
     if given is not None:
         return float(given)

@@ -1,9 +1,8 @@
 """Image lag: electrons that the transfer to the sense node leaves behind, which the next frame shows.
 
 Fossum, IEEE Workshop on CCDs and Advanced Image Sensors (2003), "Charge transfer noise and lag in CMOS active pixel
-sensors". Each electron stays behind by its own chance. Electrons of a Poisson stream that are shared out among frames
-are Poisson streams and independent, as those that crosstalk shares out among pixels: only the means are mixed, and the
-noise of two frames has no covariance.
+sensors". Each electron stays with the same probability. A Poisson stream divided at random among frames gives
+independent Poisson streams, as for crosstalk: only the means are mixed, and the noise of two frames has no covariance.
 """
 
 from __future__ import annotations
@@ -20,15 +19,15 @@ from .effects.quantum_yield import bursts
 from .stage import Datasheet
 
 BEFORE = "before"
-"""Name of the light of the frame before, among that of other exposures (:class:`Photons`)."""
+"""Name of the previous frame's light in ``Photons.by_readout``."""
 
 
 class ImageLagFields(FileTable):
     """Photoelectrons that are read with the next frame."""
 
     image_lag: Annotated[float, Field(ge=0, le=0.5, strict=True)] = optional(
-        "share of a pixel's photoelectrons that its read-out leaves behind for the next frame, of frames "
-        "that follow each other in time; a frame without the light of the one before (no fps, data sets) shows no lag",
+        "fraction of a pixel's photoelectrons that is read with the next frame, in frames that follow each other in "
+        "time; without the light of the previous frame (no fps, data sets) there is no lag",
         0.01,
         0.0,
         title="image lag, residual charge",
@@ -38,36 +37,36 @@ class ImageLagFields(FileTable):
     def _electrons_stay_one_by_one(self) -> Self:
         if self.image_lag and bursts(getattr(self, "quantum_yield", None)):
             raise ValueError(
-                "give either image_lag or quantum_yield, and not both: electrons of one photon stay one by one"
+                "give either image_lag or quantum_yield, not both: image_lag divides electrons independently"
             )
         return self
 
 
 @dataclass(frozen=True)
 class ImageLag:
-    """A share of the charge of each frame is missing in it and is part of the next one; none of it stays for longer.
+    """A fraction of the charge of each frame is read with the next frame, and none later.
 
-    share : of the electrons that stay behind.  full_well_e, knee_e : of what a pixel holds of its electrons.
+    fraction : of the electrons that stay.  full_well_e, knee_e : what a pixel holds.
     """
 
-    share: float
+    fraction: float
     full_well_e: float
     knee_e: float
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> ImageLag | None:
-        """None for a camera whose read-out leaves nothing behind."""
-        share, pixel = camera.quantum_efficiency.image_lag, camera.pixel
-        if not share:
+        """Return None for a camera without lag."""
+        fraction, pixel = camera.quantum_efficiency.image_lag, camera.pixel
+        if not fraction:
             return None
-        return cls(share, pixel.full_well_e, pixel.full_well_knee_e)
+        return cls(fraction, pixel.full_well_e, pixel.full_well_knee_e)
 
     def shown(self, electrons: Electrons, before: Electrons) -> Electrons:
-        """Mean photoelectrons of a frame, with those of the frame before and without those that stay for the next.
+        """Return the mean photoelectrons of a frame with those from the previous frame, without those for the next.
 
-        What is equal in both frames stays as it is, to the last bit.
+        Where both frames are equal the result is exact.
         """
         held, held_before = (
             held_e(one.light, self.full_well_e, self.knee_e) for one in (electrons, before)
         )
-        return replace(electrons, light=electrons.light + self.share * (held_before - held))
+        return replace(electrons, light=electrons.light + self.fraction * (held_before - held))

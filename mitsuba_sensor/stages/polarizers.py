@@ -1,10 +1,10 @@
-"""Polariser mosaic: what each pixel's polariser passes of unpolarised and of polarised light.
+"""Polariser mosaic: what each pixel's polariser transmits of unpolarised and of polarised light.
 
     I(θ) = ½(τ_max + τ_min)·S0 + ½(τ_max − τ_min)·(S1 cos 2θ + S2 sin 2θ)
          = ½(τ_max + τ_min)·(S0 + c·(S1 cos 2θ + S2 sin 2θ)),  c = (τ_max − τ_min)/(τ_max + τ_min)
 
-The first factor is a part of the quantum efficiency of the pixel. The second one is in the light that is rendered for
-such a camera: it is S0 for unpolarised light, which an array of photons is taken for.
+The first factor is part of the quantum efficiency of the pixel. The second is part of the light that is rendered for
+such a camera; for unpolarised light, as arrays of photons are assumed to be, it is S0.
 """
 
 from __future__ import annotations

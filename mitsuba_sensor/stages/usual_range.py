@@ -1,4 +1,4 @@
-"""Usual ranges of the numbers of a camera file, and the unit in which a number outside of one may have been given."""
+"""Usual ranges of the numbers of a camera file, and units by which numbers outside may have been mistaken."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from ..core import Doubt, warn_of
 
 
 class Mistake(NamedTuple):
-    """A number given in another unit: value · factor + offset is the same in the unit of the field."""
+    """A number given in another unit: value · factor + offset is in the unit of the field."""
 
     unit: str
     factor: float = 1.0
     offset: float = 0.0
 
     def corrected(self, value: float) -> float:
-        """The number in the unit of the field."""
+        """Return the number in the unit of the field."""
         return value * self.factor + self.offset
 
     def sentence(self, value: float) -> str:
-        """The way out."""
+        """Return the remedy."""
         return f"if {value:.10g} is in {self.unit}, write {self.corrected(value):.10g}"
 
 
@@ -49,9 +49,9 @@ AMPERES_TO_NA, PA_TO_NA = Mistake("amperes", 1e9), Mistake("picoamperes", 1e-3)
 
 @dataclass(frozen=True)
 class Usual:
-    """The range of the cameras that there are; a number outside of it is allowed and named in a warning. 0 is no doubt.
+    """The range of real cameras; a number outside is allowed, with a note. 0 gives no note.
 
-    low, high : in the unit of the field, both included.  mistakes : other units, in the order in which they are tried.
+    low, high : in the unit of the field, both included.  mistakes : other units, tried in this order.
     """
 
     low: float
@@ -60,7 +60,7 @@ class Usual:
 
     @classmethod
     def of(cls, low: float, high: float, *mistakes: Mistake) -> Usual:
-        """The same with the mistakes one after the other."""
+        """Return a range with these mistakes."""
         return cls(low, high, mistakes)
 
     @property
@@ -73,7 +73,7 @@ class Usual:
         return value == 0 or self.low <= value <= self.high
 
     def right(self, value: float) -> str:
-        """``if 25 is in °C, write 298.15``, for the first unit in which the number is usual; else an empty text."""
+        """Return ``if 25 is in °C, write 298.15`` for the first unit that makes the number usual, else ""."""
         return next(
             (
                 one.sentence(value)
@@ -84,20 +84,19 @@ class Usual:
         )
 
     def doubt(self, field: str, value: float, verb: str = "is") -> str:
-        """A sentence about an unusual value of a field, with the way out.  verb : has, of one value of several."""
-        way_out = self.right(value) or (
+        """Return a note on an unusual value of a field, with the remedy.  verb : has, for one value of several."""
+        remedy = self.right(value) or (
             self.mistakes[0].sentence(value) if self.mistakes else "check its unit"
         )
-        return f"{field} {verb} {value:.10g}, and {self.text} is usual: {way_out}"
+        return f"{field} {verb} {value:.10g}; {self.text} is usual: {remedy}"
 
 
-COOLED_TO_HOT_K = Usual.of(
-    70.0, 400.0, CELSIUS
-)  # liquid nitrogen … the hottest that silicon sensors are specified for
+COOLED_TO_HOT_K = Usual.of(70.0, 400.0, CELSIUS)
+"""From liquid nitrogen to the highest specified temperature of silicon sensors."""
 
 
 def temperature_note(temperature_k: float) -> tuple[str, ...]:
-    """What to say of a sensor temperature that is allowed and probably not meant."""
+    """Return a note on a sensor temperature that is probably a mistake."""
     usual = temperature_k > 0 and COOLED_TO_HOT_K.includes(temperature_k)
     if usual:
         return ()
@@ -105,5 +104,5 @@ def temperature_note(temperature_k: float) -> tuple[str, ...]:
 
 
 def warn_of_temperature(temperature_k: float) -> None:
-    """Warn of a sensor temperature that is probably not meant, before anything is computed at it."""
+    """Warn of a sensor temperature that is probably a mistake."""
     warn_of(temperature_note(temperature_k))

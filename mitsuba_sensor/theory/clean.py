@@ -1,6 +1,6 @@
-"""What is expected of each pixel of one sensor unit: clean frame and temporal variance.
+"""Clean frame and temporal variance: expectation of each pixel of one sensor unit.
 
-In closed form for a straight chain (straight.py), by the frames of a lattice for any other (lattice.py).
+A straight chain has a closed form (stages/straight.py); any other chain uses the frames of a lattice (lattice.py).
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from ..stages.stage import Chain
 from ..stages.straight import NotStraight, StraightChain, line_of, moments
 from .lattice import FRAMES, lattice_moments
 
-STRIP = 2**15
-"""Pixels that are computed together: their arrays stay in the cache of a processor."""
+STRIP_PIXELS = 2**15
+"""Pixels that are computed together, so that their arrays stay in the processor's cache."""
 
 
 class PixelMoments(NamedTuple):
-    """Mean [DN] and temporal variance [DN²] of the code of every pixel, (H, W).  method : how they were computed."""
+    """Mean [DN] and temporal variance [DN²] of each pixel's code, shape (H, W).  method : the method, for people."""
 
     mean: Float64Array
     temporal: Float64Array
@@ -32,7 +32,7 @@ class PixelMoments(NamedTuple):
 
 
 def pixel_moments(stages: Chain, light: Detected, frame: Frame) -> PixelMoments:
-    """Mean and temporal variance of the codes of a window, with the FPN maps of its serial number."""
+    """Return mean and temporal variance of the codes of a window, with the FPN maps of its serial number."""
     try:
         found, method = _straight(stages, light, frame), "closed form"
     except NotStraight as reason:
@@ -45,7 +45,7 @@ def pixel_moments(stages: Chain, light: Detected, frame: Frame) -> PixelMoments:
 
 
 def is_straight(stages: Chain, light: Electrons, frame: Frame) -> bool:
-    """Whether the first pixel of a window has its law in closed form."""
+    """Return True if the first pixel of a window has a closed form."""
     window = replace(frame.window.crop_rows(slice(0, 1)), shape=(1, 1))
     given = {name: x[:, :1] for name, x in window.given.items()}
     alone = replace(frame, window=replace(window, given=given, _maps={}), _blocks={})
@@ -59,18 +59,18 @@ def is_straight(stages: Chain, light: Electrons, frame: Frame) -> bool:
 def _straight(
     stages: Chain, light: Detected, frame: Frame
 ) -> tuple[Float64Array, Float64Array]:
-    """Strip by strip. Raises NotStraight."""
+    """Return the closed form, computed strip by strip. Raises NotStraight."""
     StraightChain.of(stages)
     shape = frame.window.shape
     found = np.empty((2, *shape))
 
     def write(rows: slice) -> None:
-        window = frame.window  # whose maps are known where it is one strip
+        window = frame.window  # has its maps already, if it is one strip
         if rows != slice(0, shape[0]):
             window = window.crop_rows(rows)
         part = replace(frame, window=window, _blocks={})
         codes = moments(line_of(stages, light.crop_rows(rows).signal, part))
         found[:, rows] = np.reshape(codes, (2, *part.window.shape))
 
-    for_each(write, row_strips_of(shape, STRIP))
+    for_each(write, row_strips_of(shape, STRIP_PIXELS))
     return found[0], found[1]

@@ -1,4 +1,4 @@
-"""Dynamic range of a camera with several read-outs, by EMVA 1288 and by ISO 15739, by samples of its codes."""
+"""Dynamic range of a camera with several readouts by EMVA 1288 and ISO 15739, from samples of its codes."""
 
 from __future__ import annotations
 
@@ -14,24 +14,23 @@ from ..stages.stage import Chain, sample
 from .expected import FIRST_SEED, FIRST_SERIAL
 
 SHAPE = (128, 256)
-"""Pixels at each level of light, with two frames: the noise is known to 0.4 %, 0.03 dB."""
+"""Pixels of a frame at each exposure level; two frames give the noise within 0.4 %, 0.03 dB."""
 
 ROUNDS = 8
-"""Steps to the light whose SNR is 1."""
+"""Iterations to find the light whose SNR is 1."""
 
 
 @dataclass(frozen=True)
 class HdrFigures:
-    """What a combination of read-outs can tell apart, temporal noise alone.
+    """Dynamic range of combined readouts with temporal noise only.
 
-    saturation_e : photoelectrons of the frame's exposure at which the least sensitive read-out saturates.
-    absolute_sensitivity_e : photoelectrons whose SNR is 1, EMVA 1288's µ_e.min.
-    dark_noise_e : temporal noise in darkness, the rounding of the codes included.
+    saturation_e : photoelectrons of the frame's exposure at which the least sensitive readout saturates.
+    absolute_sensitivity_e : photoelectrons whose SNR is 1, μ_e.min of EMVA 1288.
+    dark_noise_e : temporal noise in the dark, including the rounding of codes [e- rms].
     dynamic_range_emva_db : saturation over absolute sensitivity (EMVA 1288 R4, section 2.4).
-    dynamic_range_iso_db : ISO 15739: saturation over the light whose signal, by the gain at black, equals the temporal
-        noise of black.
-    dips_db : by how much the SNR falls where each read-out hands over to the next.
-    All of them have a standard error of 0.05 dB or 0.5 %, that of 33 000 sampled pixels.
+    dynamic_range_iso_db : saturation over the dark noise (ISO 15739).
+    dips_db : loss of SNR where each readout switches to the next.
+    Sampling 33 000 pixels gives each number a standard error of 0.05 dB or 0.5 %.
     """
 
     saturation_e: float
@@ -42,12 +41,12 @@ class HdrFigures:
     dips_db: tuple[float, ...]
 
     def to_dict(self) -> dict[str, object]:
-        """For JSON."""
+        """Return the metrics for JSON."""
         return asdict(self)
 
 
 def hdr_figures(camera: Camera, exposure: Exposure) -> HdrFigures:
-    """The figures of a camera with several read-outs in one exposure."""
+    """Return the metrics of a camera with several readouts in one exposure."""
     full_e, stages = saturation_e(camera), camera.stages
     stage, conditions = camera.combined_readouts, _conditions(exposure)
     dark_dn, dark_dn2 = code_at(stages, conditions, 0.0)
@@ -68,7 +67,7 @@ def hdr_figures(camera: Camera, exposure: Exposure) -> HdrFigures:
 
 
 def _dips_db(camera: Camera, conditions: Frame) -> list[float]:
-    """By how much the SNR is smaller behind each hand-over than the read-out before would have had."""
+    """Return the loss of SNR from each readout to the next, at the light where it switches [dB]."""
     combination, found = camera.combined_readouts.combination, list[float]()
     for number, linear in enumerate(combination.readouts[:-1]):
         end_e = (linear.end_dn - linear.black_dn) * linear.electrons_per_dn
@@ -78,7 +77,7 @@ def _dips_db(camera: Camera, conditions: Frame) -> list[float]:
 
 
 def _noise_e(camera: Camera, conditions: Frame, number: int, light_e: float) -> float:
-    """Temporal noise of one read-out in this light of the frame's exposure, as electrons of it."""
+    """Return the temporal noise of one readout in this light, both in electrons of the frame's exposure."""
     readout = camera.combined_readouts.readouts[number]
     own_e = readout.light_ratio * light_e
     _, variance = code_at(readout.stages, readout.frame_of(conditions), own_e)
@@ -88,7 +87,7 @@ def _noise_e(camera: Camera, conditions: Frame, number: int, light_e: float) -> 
 
 
 def code_at(stages: Chain, frame: Frame, light_e: float) -> tuple[float, float]:
-    """Mean and temporal variance of the code in so many mean photoelectrons per pixel [DN, DN²]."""
+    """Return mean [DN] and temporal variance [DN²] of the code for this mean of photoelectrons per pixel."""
     window = replace(frame.window, shape=SHAPE, _maps={}, _tiles={})
     first, second = (
         np.asarray(

@@ -1,14 +1,14 @@
-"""What is expected of frames, by four samples of each pixel: two frames of each of two sensors, in the same light.
+"""Expectation of frames from four samples of each pixel: two frames of each of two sensor units in the same light.
 
-x[s, f] is the signal of a pixel of sensor s in frame f. Averaged over pixels, without bias and for any stage,
+x[s, f] is the signal of a pixel of sensor unit s in frame f. Averages over pixels, unbiased for any stage:
 
     mean      <x>
     temporal  <(x[s,0] − x[s,1])²>/2
     spatial   <(x[0,0] − x[1,0])·(x[0,1] − x[1,1])>/2       the image cancels, and temporal noise averages out
-    frame     <(x − x[0,f])·(x − x[1,f])>                   variance of a frame that is none of these samples
+    frame     <(x − x[0,f])·(x − x[1,f])>                   variance of a frame x, not among the samples
 
-The pixels are windows at their real places in the light, each with two serial numbers of its own; the standard errors
-are the spread of the windows.
+The pixels are windows at their real places in the light, each with two separate serial numbers. The standard errors
+are the spread of the windows. Averages and errors may miss an event in fewer than 3 of all sampled values.
 """
 
 from __future__ import annotations
@@ -30,27 +30,27 @@ from ..sensor.detection import Detected
 from ..sensor.threads import for_each
 from ..stages.stage import Chain, Stage, converter_of, place_of, total
 
-SIDE_PX, WINDOWS, MOST_WINDOWS = 64, 16, 24
-"""Side of a window [px] at most, and how many windows there are: more of small ones."""
+SIDE_PX, WINDOWS, WINDOWS_MAX = 64, 16, 24
+"""Longest side of a window [px], and the number of windows; small windows are more."""
 
 FIRST_SERIAL = 2**30
-"""Serial number of the first sampled sensor."""
+"""Serial number of the first sampled sensor unit."""
 
 FIRST_SEED = 2**30
-"""Seed of the first sampled frame; each has a seed of its own, so that frames of the same number have other noise."""
+"""Seed of the first sampled frame; each frame has a separate seed, so frames of the same number have other noise."""
 
-FRAMES_APART = 64
-"""Different numbers of frames that are sampled at most."""
+FRAME_NUMBERS_MAX = 64
+"""Most frame numbers that are sampled."""
 
 LARGEST = 1e30
-"""Signals beyond it count as this: their fourth powers are numbers."""
+"""Larger signals are treated as this, so that their fourth powers are finite."""
 
 
 class Averages(NamedTuple):
     """Mean, temporal and spatial variance of a signal, averaged over the pixels, in the unit of its stage.
 
-    errors : standard errors of the three.  frame_mean, frame_variance : the same pixels in the frames themselves, the
-        variance about what is expected of each pixel.
+    errors : standard errors of these three.
+    frame_mean, frame_variance : mean of the same pixels in the frames, and their variance about the expected pixels.
     """
 
     mean: float
@@ -62,12 +62,12 @@ class Averages(NamedTuple):
 
     @property
     def sigma(self) -> float:
-        """Root of the sum of both variances."""
+        """Root of the sum of temporal and spatial variance."""
         return math.sqrt(self.temporal + self.spatial)
 
 
 class Window(NamedTuple):
-    """A part of the frame that is sampled: rows, columns, and those around it whose pixels change its pixels."""
+    """A sampled part of the frame: its rows and columns, and those of the pixels around it that affect it."""
 
     rows: slice
     columns: slice
@@ -75,7 +75,7 @@ class Window(NamedTuple):
 
     @property
     def inside(self) -> tuple[slice, ...]:
-        """Its pixels, counted from the first pixel around it."""
+        """Rows and columns of the window, counted from the first pixel around it."""
         rows, columns = (
             slice(own.start - whole.start, own.stop - whole.start)
             for own, whole in zip(self[:2], self.around, strict=True)
@@ -85,11 +85,11 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Expectation:
-    """What is expected behind every stage of a chain, by samples of it.
+    """Expected signal after every stage of a chain, from samples of the chain.
 
-    light, frame : of the whole window; its exposure, its place and its measured maps.  count : of the frames from that
-        one on that the averages are for, which matters to a stage that depends on the number of the frame.
-    of_corners : whether only the four corners of a large frame are sampled.
+    light, frame : light, exposure, place and measured maps of the whole window.
+    count : number of frames, from ``frame`` on, that the averages cover; it matters to stages that use frame numbers.
+    of_corners : True samples only the four corners of a large frame.
     """
 
     stages: Chain
@@ -103,7 +103,7 @@ class Expectation:
         return f"<Expectation: {len(self.stages)} stages, {rows} × {columns} pixels>"
 
     def averages(self, stage: Stage) -> Averages:
-        """Averages over the pixels behind a stage."""
+        """Return the averages over the pixels after a stage."""
         number = place_of(stage, self.stages)
         found, errors = self._averages
         mean, temporal, spatial, of_frame, variance = found[number].tolist()
@@ -113,12 +113,12 @@ class Expectation:
 
     @property
     def pixels(self) -> int:
-        """How many pixels are sampled."""
+        """Number of sampled pixels."""
         return sum(self.pixels_of(number) for number in range(len(self.windows)))
 
     @cached_property
     def tiles(self) -> list[Window]:
-        """The frame in windows of about the same size; where stages reach far along a column, of whole columns."""
+        """The frame in windows of about equal size; windows are whole columns if stages reach far along columns."""
         shape = self.frame.window.shape
         reach_px = sum(stage.reach_px for stage in self.stages)
         rows, columns = SIDE_PX, SIDE_PX
@@ -136,16 +136,16 @@ class Expectation:
 
     @cached_property
     def repeats(self) -> int:
-        """How often all tiles are sampled; 1 where there are so many that some are left out."""
+        """Number of samples of each tile; 1 if there are so many tiles that some are omitted."""
         pixels = math.prod(self.frame.window.shape)
         windows = min(
-            max(SIDE_PX**2 * WINDOWS * len(self.tiles) // pixels, WINDOWS), MOST_WINDOWS
+            max(SIDE_PX**2 * WINDOWS * len(self.tiles) // pixels, WINDOWS), WINDOWS_MAX
         )
         return max(windows // len(self.tiles), 1)
 
     @cached_property
     def windows(self) -> list[Window]:
-        """The sampled windows: all tiles equally often, or some of them, evenly from the darkest to the brightest."""
+        """The sampled windows: all tiles equally often, or a selection evenly from the darkest to the brightest."""
         if self.of_corners:
             ends = [(0, side) for side in self.frame.window.shape]
             return [
@@ -166,13 +166,14 @@ class Expectation:
 
     @cached_property
     def _mean_e(self) -> Float64Array:
-        """Mean light of every pixel, (H, W), none of it infinite."""
+        """Mean light of every pixel, shape (H, W) [e-], always finite."""
         return np.minimum(self.light.mean_e, LARGEST)
 
     @cached_property
     def _sensors(self) -> list[int]:
-        """Number of the pair of sensors of each window: two windows of one pair share neither rows nor columns, so that
-        no random number is in both. Few pairs need few maps of whole columns.
+        """Number of the pair of sensor units of each window. Few pairs need few maps of whole columns.
+
+        Two windows of one pair share neither rows nor columns, so no random number is in both.
         """
         used = list[
             set[int]
@@ -188,15 +189,15 @@ class Expectation:
 
     @cached_property
     def light_e(self) -> Float64Array:
-        """Mean light of each window [e-]."""
+        """Mean light of each window, shape (W,) [e-]."""
         return np.array([self._mean_e[window[:2]].mean() for window in self.windows])
 
     def pixels_of(self, number: int) -> int:
-        """How many pixels a window has."""
+        """Return the number of pixels of a window."""
         return self._mean_e[self.windows[number][:2]].size
 
     def frames_of(self, number: int) -> list[list[Frame]]:
-        """Two frames of each of two sensors, of a window with what is around it."""
+        """Return two frames of each of two sensor units, for a window with its surroundings."""
         pairs = self._frame_pairs
         indices = pairs[int(len(pairs) * (number + 0.5) / len(self.windows))]
         first = FIRST_SERIAL + 2 * self._sensors[number]
@@ -209,7 +210,7 @@ class Expectation:
         ]
 
     def light_of(self, number: int) -> Array:
-        """The light of a window with what is around it, behind the first stage."""
+        """Return the light of a window with its surroundings, after the first stage."""
         rows, columns = self.windows[number].around
         signal = self.light.signal
         return signal.mapped(lambda values: _part_of(values, rows, columns))
@@ -217,9 +218,10 @@ class Expectation:
     def errors_of(
         self, values: Float64Array, weights: Float64Array
     ) -> tuple[Float64Array, Float64Array]:
-        """Weighted average over the windows of values, (W, …), and its standard error by their spread.
+        """Return the weighted average over the windows, and its standard error from their spread.
 
-        The spread is that about the mean of the same tile, or about a straight line in the light of the windows.
+        values : shape (W, …).  weights : shape (W,). The spread is taken about the mean of the same tile, or about a
+        straight line in the light of the windows.
         """
         shape = (-1, *(1,) * (values.ndim - 1))
         each, whole = weights.reshape(shape), max(float(weights.sum()), 1e-300)
@@ -237,7 +239,7 @@ class Expectation:
         return mean, spread / whole
 
     def _slope(self, values: Float64Array, weights: Float64Array) -> tuple[Float64Array, float]:
-        """Slope of values in the light of the windows [1/e-], and the mean light [e-]."""
+        """Return the slope of values over the light of the windows [1/e-], and the mean light [e-]."""
         middle_e = float(np.average(self.light_e, weights=weights if weights.any() else None))
         off_e = weights * (self.light_e - middle_e)
         square = float(off_e @ (self.light_e - middle_e))
@@ -247,9 +249,9 @@ class Expectation:
 
     @cached_property
     def _averages(self) -> tuple[Float64Array, Float64Array]:
-        """Mean, temporal and spatial variance, mean and variance of the frame, behind every stage, (S, 5); the errors.
+        """Mean, temporal, spatial variance, frame mean and variance after every stage, shape (S, 5), and their errors.
 
-        Where some windows are left out, the averages are carried along the line of the windows to the light of all
+        If some tiles are omitted, a straight line through the windows carries the averages to the mean light of all
         pixels (the regression estimator of Cochran, Sampling Techniques, ch. 7).
         """
         found = np.empty((len(self.windows), len(self.stages), 5))
@@ -272,13 +274,13 @@ class Expectation:
         return mean, errors
 
     def _statistics_of(self, number: int) -> Float64Array:
-        """Of one window, behind every stage, (S, 5)."""
+        """Return the statistics of one window after every stage, shape (S, 5)."""
         light, inside = self.light_of(number), self.windows[number].inside
         frames = self.frames_of(number)
         index = frames[0][number % 2].index - self.frame.index
         own = self._frame(number, self.frame.window.serial, None, index)
         x00, x01, x10, x11, x = (
-            self._behind_all(light, frame, inside) for frame in (*frames[0], *frames[1], own)
+            self._after_all(light, frame, inside) for frame in (*frames[0], *frames[1], own)
         )
         parts = (
             (x00 + x01 + x10 + x11) / 4,
@@ -289,18 +291,16 @@ class Expectation:
         )
         return np.stack([part.mean(axis=(1, 2)) for part in parts], axis=1)
 
-    def _behind_all(
-        self, light: Array, frame: Frame, inside: tuple[slice, ...]
-    ) -> Float64Array:
-        """The signals of one frame behind every stage, (S, H, W)."""
+    def _after_all(self, light: Array, frame: Frame, inside: tuple[slice, ...]) -> Float64Array:
+        """Return the signals of one frame after every stage, shape (S, H, W)."""
         return np.stack(
             [as_values(x, frame)[inside] for x in signals(self.stages, light, frame)]
         )
 
     @cached_property
     def _frame_pairs(self) -> list[tuple[int, int]]:
-        """Pairs of different frames, by their number from the first one on, sorted by how far they are apart."""
-        apart = np.linspace(0, self.count - 1, min(self.count, FRAMES_APART))
+        """Pairs of different frames by their number from the first frame, sorted by their distance."""
+        apart = np.linspace(0, self.count - 1, min(self.count, FRAME_NUMBERS_MAX))
         numbers = np.unique(apart.astype(int))
         first, second = np.triu_indices(len(numbers), 1)
         if not first.size:
@@ -311,11 +311,12 @@ class Expectation:
         )
 
     def _frame(self, number: int, serial: int, seed: int | None, index: int) -> Frame:
-        """A frame of a window and what is around it.
+        """Return a frame of a window and its surroundings.
 
-        serial, seed, index : of its sensor, of its temporal noise, and of the frame from the first one on. Without a
-        seed it is the frame itself. Measured maps lie elsewhere on other sensors: they are moved by random numbers of
-        rows and columns, so that they are spatial noise as random maps are.
+        serial : sensor unit.  seed : seed of the temporal noise; None for the frame itself.
+        index : frame number from the first frame.
+        On another sensor unit, measured maps are moved by random numbers of rows and columns, which makes them spatial
+        noise like random maps.
         """
         whole, (rows, columns) = self.frame.window, self.windows[number].around
         shape = rows.stop - rows.start, columns.stop - columns.start
@@ -349,7 +350,7 @@ class Expectation:
 
 
 def signals(stages: Chain, light: Array, frame: Frame) -> Iterator[Array]:
-    """The signal of one frame behind every stage.  light : behind the first one."""
+    """Yield the signal of one frame after every stage.  light : the signal after the first stage."""
     signal = light
     for number, stage in enumerate(stages):
         if number:
@@ -358,7 +359,7 @@ def signals(stages: Chain, light: Array, frame: Frame) -> Iterator[Array]:
 
 
 def passed_on(stage: Stage, signal: Array, frame: Frame) -> Array:
-    """The signal behind a stage that is not there: in the unit of the stage, by its gain of small signals."""
+    """Return the signal after a stage that is left out: in the stage's unit, by its small-signal gain."""
     if stage.domain == "volts":
         signal = total(signal)
     if stage.nominal_gain == 1:
@@ -372,19 +373,19 @@ def passed_on(stage: Stage, signal: Array, frame: Frame) -> Array:
 
 
 def variances_of(x: Float64Array) -> tuple[float, float]:
-    """Temporal and spatial variance of samples of two frames of two sensors, (2, 2, …)."""
+    """Return temporal and spatial variance of samples of two sensor units in two frames, shape (2, 2, …)."""
     temporal = ((x[:, 0] - x[:, 1]) ** 2).mean() / 2
     spatial = ((x[0, 0] - x[1, 0]) * (x[0, 1] - x[1, 1])).mean() / 2
     return float(temporal), float(spatial)
 
 
 def ideal_code(stages: Chain, swing: Array, frame: Frame) -> Float64Array:
-    """The code of a swing before rounding and clips [DN], (H, W)."""
+    """Return the code of a swing before rounding and clipping, shape (H, W) [DN]."""
     return as_values(converter_of(stages).ideal(total(swing), frame), frame)
 
 
 def is_clipped(stages: Chain, found: Sequence[Array], frame: Frame) -> NDArray[np.bool_]:
-    """Pixels of which the full well or an end of the converter takes something away.  found : behind every stage."""
+    """Return a mask of the pixels that the full well or the ADC clips.  found : the signals after every stage."""
     clipped = np.zeros(frame.window.shape, bool)
     for stage, signal in zip(stages, found, strict=True):
         for name, mask in stage.marked(total(signal), frame).items():
@@ -394,13 +395,13 @@ def is_clipped(stages: Chain, found: Sequence[Array], frame: Frame) -> NDArray[n
 
 
 def as_values(signal: Array, frame: Frame) -> Float64Array:
-    """A signal of any domain, (H, W) float64, none of it infinite."""
+    """Return a signal of any domain as finite float64 values, shape (H, W)."""
     values = np.broadcast_to(np.asarray(total(signal), np.float64), frame.window.shape)
     return np.clip(values, -LARGEST, LARGEST)
 
 
 def _parts(length: int, longest: int) -> list[slice]:
-    """A side of a frame in parts of about the same length."""
+    """Divide a side of a frame into parts of about equal length."""
     edges = np.linspace(0, length, -(-length // longest) + 1).astype(int).tolist()
     return [slice(*pair) for pair in zip(edges[:-1], edges[1:], strict=True)]
 
@@ -408,7 +409,7 @@ def _parts(length: int, longest: int) -> list[slice]:
 def _part_of(
     values: Array, rows: slice | NDArray[np.int64], columns: slice | NDArray[np.int64]
 ) -> Array:
-    """Some rows and columns of values of pixels, of rows (H, 1), of columns (1, W) or of all; None stays None."""
+    """Return rows and columns of values of shape (H, W), (H, 1), (1, W) or (); None stays None."""
     if values is None or np.ndim(values) == 0:
         return values
     values = np.asarray(values)

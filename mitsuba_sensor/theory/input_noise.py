@@ -1,4 +1,4 @@
-"""A camera's own temporal noise as electrons at its input, with which render noise is compared."""
+"""Temporal noise of a camera in electrons at its input, for comparison with render noise."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -12,51 +12,55 @@ from ..core import Electrons, Exposure, Frame, Photons, SensorWindow
 from ..sensor.detection import Detected
 from .clean import pixel_moments
 
-LEVELS = 257  # light levels of the table, evenly spaced in ln(1 + μ): 6 % apart at a full well of 33 000 e-
-BEYOND_WELL = 4.0  # the table ends at so many full wells; nothing is left of the light there
-PIXELS = 9  # of each level: the median of their variances leaves out hot pixels
-STEP = 0.25  # of the difference of light, in its shot noise
-NO_SLOPE = 1e-3  # of the gain of small signals: full
-ROUNDING_DN2 = (
-    1 / 12
-)  # variance of the rounding: the least that a code varies by, also where little noise shows it
+LEVELS = 257
+"""Exposure levels of the table, evenly spaced in ln(1 + μ): 6 % apart for a full well of 33 000 e-."""
+WELLS_MAX = 4.0
+"""End of the table [full wells], where pixels no longer respond to light."""
+PIXELS = 9
+"""Pixels of each level; the median of their variances ignores hot pixels."""
+STEP_SIGMAS = 0.25
+"""Difference of light for the slope [σ of its shot noise]."""
+SLOPE_MIN = 1e-3
+"""A smaller slope, over the largest one, is a saturated pixel."""
+ROUNDING_DN2 = 1 / 12
+"""Variance of rounding [DN²]: the least variance of a code, even if little noise shows it."""
 
 
 @dataclass(frozen=True, eq=False)
 class InputNoise:
-    """How strongly an error of the mean photoelectrons shows in a frame.
+    """Effect of an error of the mean photoelectrons on a frame.
 
-    electrons_e : (L,) rising mean photoelectrons.  weight_per_e2 : (L,) (dm/dμ)²/σ² [e-⁻²], m the mean code and σ² its
-        temporal variance; 0 where full well or converter clip.
+    electrons_e : rising mean photoelectrons, shape (L,).
+    weight_per_e2 : (dm/dμ)²/σ², shape (L,) [e-⁻²], with mean code m and temporal variance σ²; 0 for clipped pixels.
     """
 
     electrons_e: NDArray[np.float64]
     weight_per_e2: NDArray[np.float64]
 
     def ratio(self, mean_e: ArrayLike, variance_e2: ArrayLike) -> NDArray[np.float64]:
-        """Variance of the mean photoelectrons over the camera's own temporal variance, both at the input."""
+        """Return a variance of the mean photoelectrons over the camera's temporal variance, both at the input."""
         weight = np.interp(np.log1p(mean_e), np.log1p(self.electrons_e), self.weight_per_e2)
         return np.asarray(variance_e2, dtype=np.float64) * weight
 
 
 def input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
-    """By clean pixels in light of many levels; far above the read noise the weight is 1/μ: shot noise (EMVA 1288 R4,
+    """Compute the weights from clean pixels at many exposure levels; with shot noise only they are 1/μ (EMVA 1288 R4,
     eq. 11)."""
     try:
         return _input_noise(camera, exposure)
-    except TypeError:  # a stage of the user's that holds arrays has no hash
+    except TypeError:  # a user's stage with arrays has no hash
         return _input_noise.__wrapped__(camera, exposure)
 
 
-@lru_cache(maxsize=8)  # a camera is asked again for every part of a render
+@lru_cache(maxsize=8)  # every part of a render needs the same camera
 def _input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
-    levels = np.expm1(np.linspace(0.0, np.log1p(BEYOND_WELL * saturation_e(camera)), LEVELS))
-    code_e = (
-        1 / camera.system_gain_dn_per_e
-    )  # so that a difference shows where the converter is coarse
-    step = np.maximum(STEP * np.sqrt(np.maximum(levels, 1.0)), 0.5 * code_e)
+    levels = np.expm1(np.linspace(0.0, np.log1p(WELLS_MAX * saturation_e(camera)), LEVELS))
+    code_e = 1 / camera.system_gain_dn_per_e  # a smaller step is invisible to a coarse ADC
+    step = np.maximum(STEP_SIGMAS * np.sqrt(np.maximum(levels, 1.0)), 0.5 * code_e)
     frame = Frame(exposure, SensorWindow(0, (PIXELS, LEVELS), camera=camera.name))
-    within_code_e = code_e * (np.arange(PIXELS)[:, None] + 0.5) / PIXELS  # evens out the steps
+    within_code_e = (
+        code_e * (np.arange(PIXELS)[:, None] + 0.5) / PIXELS
+    )  # averages the steps of the ADC
 
     def codes(light_e: NDArray[np.float64]) -> NDArray[np.float64]:
         light = light_e + within_code_e
@@ -68,5 +72,5 @@ def _input_noise(camera: Camera, exposure: Exposure) -> InputNoise:
     low_e = np.maximum(levels - step, 0.0)
     (low, _), (high, _), (_, variance_dn2) = (codes(x) for x in (low_e, levels + step, levels))
     slope = (high - low) / (levels + step - low_e)
-    slope[slope < NO_SLOPE * slope.max()] = 0.0
+    slope[slope < SLOPE_MIN * slope.max()] = 0.0
     return InputNoise(levels, slope**2 / variance_dn2)

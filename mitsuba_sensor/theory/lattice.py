@@ -1,8 +1,8 @@
-"""Mean and variance of each pixel's code for any chain: a few frames whose random bits are a rank-1 lattice.
+"""Mean and variance of each pixel's code for any chain, from a few frames whose random bits form a rank-1 lattice.
 
-K frames of plain random numbers give a mean with an error of σ/√K. Here the K numbers of a source in a pixel lie evenly
-over all probabilities, from a random start, and those of two sources are in orders that do not go together (Cranley &
-Patterson 1976; Sloan & Joe 1994). The stages' own ``sample`` makes the frames, whatever it does; fixed patterns stay.
+K frames of independent random numbers give a mean with an error of σ/√K. Here the K numbers of a source in a pixel are
+spread evenly over all probabilities, from a random start, and different sources have different orders (Cranley &
+Patterson 1976; Sloan & Joe 1994). The frames come from the stages' own ``sample``; fixed patterns stay.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from ..sensor.run import FrameRunner, StripWindows, strips_of
 from ..stages.stage import Chain, converter_of
 
 FRAMES = 32
-"""K: a mean is right to 0.06 σ in each pixel, a σ to 1 %."""
+"""K: the mean of each pixel is right within 0.06 σ, and σ within 1 %; rarer events than 1 in K may be missed."""
 
 
 @dataclass(frozen=True, eq=False)
 class LatticeFrame(Frame):
-    """One of the frames of a lattice.
+    """One frame of a lattice.
 
-    point, points : its number, and how many there are.
-    orders : by source of noise, in which order its bits go from point to point.
+    point, points : number of this frame, and number of frames.
+    orders : for each noise source, the order of its bits from frame to frame.
     """
 
     point: int = 0
@@ -38,26 +38,26 @@ class LatticeFrame(Frame):
 
     @cached_property
     def key(self) -> int:
-        """Key of the random starts: those of no frame, and the same in every exposure and for every seed."""
+        """Key of the random starts, which no ordinary frame shares; it depends on neither exposure nor seed."""
         return key_of("lattice", self.window.camera, self.window.serial, self.charge)
 
     def random_bits(self, source: str) -> Array:
-        """The bits of the first point, moved on."""
+        """Return the bits of the first frame, shifted."""
         return super().random_bits(source) + np.uint32(self._moved(source))
 
     def random_bits_at(
         self, source: str, rows: ArrayLike, columns: ArrayLike, frame_index: Array
     ) -> RandomBits:
-        """The bits of the first point, moved on."""
+        """Return the bits of the first frame, shifted."""
         bits = super().random_bits_at(source, rows, columns, frame_index)
         return bits + np.uint32(self._moved(source))
 
     def _moved(self, source: str) -> int:
-        """How far the bits of this point lie beyond those of the first."""
+        """Return the shift of the bits of this frame."""
         name = source, self.key_of_source(source)
         order = self.orders.setdefault(name, len(self.orders))
         point, half = self.point, self.points // 4
-        if order // half % 2:  # another sequence: the digits of the number from behind
+        if order // half % 2:  # another sequence: reversed binary digits
             point = int(f"{point:0{self.points.bit_length() - 1}b}"[::-1], 2)
         return point * (2 * (order % half) + 1) % self.points * (2**32 // self.points)
 
@@ -65,9 +65,9 @@ class LatticeFrame(Frame):
 def lattice_moments(
     stages: Chain, light: Detected, first: Frame, points: int = FRAMES
 ) -> tuple[Float64Array, Float64Array]:
-    """Mean and variance of the codes of a window, (H, W) each [DN, DN²].
+    """Return mean [DN] and variance [DN²] of the codes of a window, shape (H, W) each.
 
-    first : conditions, place and number of the frame that they are of.  points : a power of 2.
+    first : the frame with its conditions, place and number.  points : number of frames, a power of 2.
     """
     frame = LatticeFrame(
         first.exposure, first.window, index=first.index, gain=first.gain, charge=first.charge, points=points

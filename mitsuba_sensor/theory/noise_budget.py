@@ -1,8 +1,8 @@
-"""Noise budget: how much mean and variance of the digital numbers change without each source of noise.
+"""Noise budget: change of mean and variance of the digital numbers without each noise source.
 
-The samples of expected.py are taken with everything and without one source, by the same random numbers: all other
-sources keep theirs, and the difference is what the source does. Clipped pixels do not count. A source in front of the
-count is taken out of mean electrons, so that the shot noise of its electrons counts as shot noise.
+The chain of expected.py is sampled with all sources and without one source, with the same random numbers: the other
+sources keep theirs, so the difference is the effect of the source. Clipped pixels do not count. A source before shot
+noise is removed from mean electrons, so the shot noise of its electrons counts as shot noise.
 """
 
 from __future__ import annotations
@@ -37,28 +37,29 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 ROUNDING, ROUNDING_DN2 = 1e-6, 1e-9
-"""Variances below this share of the total, or below this, are rounding of float32 [DN²]."""
-LEAST_MEAN_DN = 5e-4
-"""A source of no variance and a smaller mean has no effect [DN]."""
+"""Variances below this fraction of the total, or below this value [DN²], are rounding of float32."""
+MEAN_MIN_DN = 5e-4
+"""A source without variance and with a smaller mean has no effect [DN]."""
 ERRORS = 3.0
-"""Standard errors that a variance is from 0 to be shown as a number."""
+"""A variance is shown as a number if it differs from 0 by more than this many standard errors."""
 REST, TOTAL = "sources together", "total"
 HEADINGS = ("source", "mean [DN]", "temporal σ [DN]", "spatial σ [DN]", "% of total")
 COLUMNS = (
     "mean: what the source adds to the digital numbers; temporal σ: its noise from frame to frame; spatial σ: its "
-    "fixed pattern, from pixel to pixel, each with its standard error; <: not seen, with the largest that it may be; "
+    "fixed pattern from pixel to pixel, both with standard error; <: upper limit of an effect that was not seen; "
     "%: of the variance of the digital numbers"
 )
-OF_REST = f"{REST}: what the sources do not do each by itself, because they change each other"
-LESS_NOISE = "below zero: the source takes away noise of the others"
+OF_REST = f"{REST}: the effect of sources on each other"
+LESS_NOISE = "below zero: the source reduces the noise of other sources"
 
 
 class Contribution(NamedTuple):
-    """What one source, or all, contribute to the pixels that are not clipped, with standard errors.
+    """Contribution of one source, or of all, to the unclipped pixels, with standard errors.
 
-    mean_dn : what it adds to the digital numbers.  temporal_dn2, spatial_dn2 : to the two variances; negative where it
-        takes noise away.  share : of the total variance.
-    rms_dn : standard deviation over pixels and frames of what it changes, which for the light is that of the image.
+    mean_dn : change of the mean [DN].
+    temporal_dn2, spatial_dn2 : change of the variances [DN²], negative if the source reduces noise.
+    share : fraction of the total variance.
+    rms_dn : standard deviation of the change over pixels and frames [DN]; for the light, that of the image.
     """
 
     source: str
@@ -77,7 +78,7 @@ class Contribution(NamedTuple):
 
     @property
     def takes_noise(self) -> bool:
-        """Whether one of its variances is negative beyond chance."""
+        """True if one of the variances is significantly negative."""
         return (
             self.temporal_dn2 < -ERRORS * self.temporal_error_dn2 - ROUNDING_DN2
             or self.spatial_dn2 < -ERRORS * self.spatial_error_dn2 - ROUNDING_DN2
@@ -90,13 +91,13 @@ class Contribution(NamedTuple):
 
     @property
     def is_idle(self) -> bool:
-        """Whether it changes neither signal nor noise."""
+        """True if the source changes neither signal nor noise."""
         variances_dn2 = abs(self.temporal_dn2), abs(self.spatial_dn2)
-        return max(variances_dn2) < ROUNDING_DN2 and abs(self.mean_dn) < LEAST_MEAN_DN
+        return max(variances_dn2) < ROUNDING_DN2 and abs(self.mean_dn) < MEAN_MIN_DN
 
     @property
     def cells(self) -> tuple[str, str, str, str]:
-        """Mean, σ and share as text; – for no noise."""
+        """Mean, both σ and share as text; – for no noise."""
         share = f"{100 * self.share:.1f}"
         if not (self.temporal_dn2 or self.spatial_dn2):
             share = "–"
@@ -112,12 +113,12 @@ class Contribution(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class NoiseBudget:
-    """The contributions of all sources to frames.
+    """Contributions of all noise sources to frames.
 
-    The first source is the light, whose mean is that of its electrons by the nominal gains; the last one is the
-    converter: black level, rounding, unequal steps.
+    The first source is the light; its mean is that of its electrons, by the nominal gains. The last source is the ADC:
+    black level, rounding, unequal steps.
 
-    theory : of the frames, whose samples are taken.
+    theory : expectation of the frames, which takes the samples.
     """
 
     theory: Expectation
@@ -128,13 +129,13 @@ class NoiseBudget:
 
     @cached_property
     def entries(self) -> tuple[Contribution, ...]:
-        """One per source, in the order of the chain."""
+        """One contribution per source, in the order of the chain."""
         *of_stages, _, _ = self._contributions
         return tuple(of_stages)
 
     @property
     def rows(self) -> list[Contribution]:
-        """What :meth:`explain` prints: the sources that have an effect, what they do together, and the total."""
+        """The rows of :meth:`explain`: sources with an effect, their effect on each other, and the total."""
         *entries, rest, whole = self._contributions
         shown = [one for one in entries if not one.is_idle]
         temporal, spatial = abs(rest.temporal_dn2), abs(rest.spatial_dn2)
@@ -147,7 +148,7 @@ class NoiseBudget:
 
     @property
     def clipped(self) -> float:
-        """Share of the pixels that are clipped, which do not count."""
+        """Fraction of the pixels that are clipped and do not count."""
         return 1 - float(self._windows[0].sum()) / self.theory.pixels
 
     @property
@@ -168,7 +169,7 @@ class NoiseBudget:
         return found
 
     def explain(self) -> str:
-        """A table for people: σ and share of the variance of each source, and their total."""
+        """Return a table for people: σ and fraction of the variance of each source, and the total."""
         rows = self.rows
         first = max(len(row.source) for row in rows) + 1
         widths = [max(len(name) + 2, 11) for name in HEADINGS[1:]]
@@ -197,7 +198,7 @@ class NoiseBudget:
         return fragment(title, Table(HEADINGS, lines))
 
     def change_of(self, source: str) -> Float64Array:
-        """What a source changes in every pixel of the first frame, (H, W) [DN]."""
+        """Return the change by a source in every pixel of the first frame, shape (H, W) [DN]."""
         theory = self.theory
         number, share = next(
             (k, of_stage[source])
@@ -208,8 +209,8 @@ class NoiseBudget:
         for strip in strips_of(theory.stages, whole.window):
             frame = replace(whole, window=whole.window.crop_rows(strip.around), _blocks={})
             light = theory.light.crop_rows(strip.around).signal
-            behind = list(signals(theory.stages, light, frame))
-            one, other = self._with_and_without(number, behind, frame)
+            outputs = list(signals(theory.stages, light, frame))
+            one, other = self._with_and_without(number, outputs, frame)
             found[strip.rows] = (one - other)[strip.inside]
         return share * found
 
@@ -217,7 +218,7 @@ class NoiseBudget:
 
     @cached_property
     def _contributions(self) -> list[Contribution]:
-        """Of each source, of what the sources do together, and the total."""
+        """Contributions of each source, of the sources on each other, and of all."""
         kept, found = self._windows
         rest = found[:, -1:] - found[:, :-1].sum(axis=1, keepdims=True)
         values = np.concatenate([found[:, :-1], rest, found[:, -1:]], axis=1)
@@ -248,8 +249,10 @@ class NoiseBudget:
 
     @cached_property
     def _windows(self) -> tuple[Float64Array, Float64Array]:
-        """Of each window: pixels that count, (W,); mean, temporal and spatial variance, mean square of what each stage
-        changes, and of all, (W, S + 1, 4)."""
+        """Unclipped pixels of each window, shape (W,), and its statistics, shape (W, S + 1, 4).
+
+        The statistics of each stage's change, and of the codes: mean, temporal and spatial variance, mean square.
+        """
         count = len(self.theory.windows)
         kept, found = np.zeros(count), np.zeros((count, len(self.theory.stages) + 1, 4))
 
@@ -264,10 +267,10 @@ class NoiseBudget:
         light = theory.light_of(number)
         codes, swings, changes, keep = [], [], [], np.ones((1, 1), bool)
         for frame in (one for sensor in theory.frames_of(number) for one in sensor):
-            behind = list(signals(theory.stages, light, frame))
-            keep = keep & ~is_clipped(theory.stages, behind, frame)[inside]
-            codes.append(as_values(behind[-1], frame)[inside])
-            pairs = [self._with_and_without(k, behind, frame) for k in range(len(behind))]
+            outputs = list(signals(theory.stages, light, frame))
+            keep = keep & ~is_clipped(theory.stages, outputs, frame)[inside]
+            codes.append(as_values(outputs[-1], frame)[inside])
+            pairs = [self._with_and_without(k, outputs, frame) for k in range(len(outputs))]
             swings.append([one[inside] for one, _ in pairs])
             changes.append([one[inside] - other[inside] for one, other in pairs])
         pixels = int(keep.sum())
@@ -287,34 +290,36 @@ class NoiseBudget:
         return pixels, np.array(rows)
 
     def _with_and_without(
-        self, number: int, behind: list[Array], frame: Frame
+        self, number: int, outputs: list[Array], frame: Frame
     ) -> tuple[Float64Array, Float64Array]:
-        """The digital numbers of one frame with and without stage ``number``, before rounding and clips [DN].
+        """Return the digital numbers of one frame with and without a stage, before rounding and clipping [DN].
 
-        behind : the signals behind every stage. The light is against darkness, the converter against its codes without
-        black level, rounding and unequal steps.
+        outputs : the signals after every stage. Without light it is dark; without the ADC there is no black level,
+        rounding or unequal step.
         """
         stages, count = self.theory.stages, self._count
         if number == 0:
             gain = math.prod(stage.nominal_gain for stage in stages[1:])
-            light_dn = gain * as_values(behind[0], frame)
+            light_dn = gain * as_values(outputs[0], frame)
             return light_dn, np.zeros(light_dn.shape)
-        whole = ideal_code(stages, behind[-2], frame)
+        whole = ideal_code(stages, outputs[-2], frame)
         if number == len(stages) - 1:
-            return as_values(behind[-1], frame), whole - converter_of(stages).black_level_dn
-        signal = passed_on(stages[number], behind[number - 1], frame)
-        is_same = signal is behind[number] or np.array_equal(
-            as_values(signal, frame), as_values(behind[number], frame)
+            return as_values(outputs[-1], frame), whole - converter_of(stages).black_level_dn
+        signal = passed_on(stages[number], outputs[number - 1], frame)
+        is_same = signal is outputs[number] or np.array_equal(
+            as_values(signal, frame), as_values(outputs[number], frame)
         )
         if is_same:
             return whole, whole
         if number >= count:
             return whole, self._carried(number, signal, frame)
         last = sample(stages[number + 1 : count], signal, frame)
-        return self._carried(count, behind[count - 1], frame), self._carried(count, last, frame)
+        return self._carried(count, outputs[count - 1], frame), self._carried(
+            count, last, frame
+        )
 
     def _carried(self, number: int, signal: Array, frame: Frame) -> Float64Array:
-        """The digital numbers before rounding and clips, of a signal in place of that behind stage ``number``."""
+        """Return the digital numbers before rounding and clipping for this signal after stage ``number``."""
         stages = self.theory.stages
         signal = passed_on(stages[number], signal, frame) if number == self._count else signal
         return ideal_code(stages, sample(stages[number + 1 : -1], signal, frame), frame)
@@ -325,7 +330,7 @@ class NoiseBudget:
 
     @cached_property
     def _shares(self) -> list[dict[str, float]]:
-        """Sources of each stage and their shares of what it does; shot noise is that of light and of dark electrons."""
+        """Sources of each stage with their fractions of its effect: shot noise of photons and of dark electrons."""
         theory, middle = self.theory, len(self.theory.windows) // 2
         found = [{stage.label: 1.0} for stage in theory.stages]
         if self._count:
@@ -338,7 +343,7 @@ class NoiseBudget:
 
 
 def _sigma_text(variance_dn2: float, error_dn2: float) -> str:
-    """The root of a variance with its sign and its standard error; a bound where it was not seen."""
+    """Return the signed root of a variance with its standard error, or an upper limit if it was not seen."""
     if abs(variance_dn2) < ROUNDING_DN2 and error_dn2 < ROUNDING_DN2:
         return "–"
     if abs(variance_dn2) <= ERRORS * error_dn2:

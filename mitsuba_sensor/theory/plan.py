@@ -1,7 +1,7 @@
-"""Plan of an exposure: what leaving out each stage changes in its frames, and which stages it does not need.
+"""Plan of an exposure: the stages that it does not need, and the effect of omitting each stage.
 
-The samples of expected.py are taken with and without a stage, by the same random numbers. Beside the windows of the
-light there are two with every level from its darkest to its brightest pixel.
+The chain of expected.py is sampled with and without a stage, with the same random numbers, in windows of the light and
+in two windows with every level from its darkest to its brightest pixel.
 """
 
 from __future__ import annotations
@@ -33,35 +33,32 @@ from ..sensor.fpn_maps import checked_maps
 from ..sensor.options import ExposeOptions
 from ..sensor.readouts import light_of_readout
 from ..stages.combined_readouts import combined_of
-from ..stages.stage import (
-    Chain,
-    detector_of,
-)
+from ..stages.stage import Chain, detector_of
 from ..stages.usual_range import warn_of_temperature
 from .plan_trial import Effect, Trial
 
 SMALLEST_DN = 1e-6
 """Changes below this are shown as 0 [DN]."""
 
-WIDTH = 1e-3
-"""By so much the light may be darker or brighter than the light that the plan was made for."""
+LIGHT_TOLERANCE = 1e-3
+"""Fraction by which light may be darker or brighter than the light of the plan."""
 
 COLUMNS = ("mean", "temporal", "spatial", "lines", "pixels")
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The stages of an exposure with their effects. ``print(plan.explain())``; ``expose(..., plan=plan)``.
+    """The stages of an exposure and the effect of omitting each. ``print(plan.explain())``; ``expose(…, plan=plan)``.
 
     ::
 
         plan = ms.plan(camera, exposure, photons, tolerance_dn=0.2)
         print(plan.left_out, plan.explain())
 
-    tolerance_dn : of several read-outs in the linear code, however it is combined; effects are in codes of each.
-    frame, darkest_e, brightest_e : exposure, largest window, measured maps and mean photoelectrons that it holds for.
-    clipped : share of the sampled pixels that are clipped, in which changes are only counted.  pixels : how many are
-        sampled, with four samples each; what fewer than three in so many pixels have is not seen.
+    tolerance_dn : tolerance [DN]; with several readouts, of the linear code. Effects are in codes of each readout.
+    frame, darkest_e, brightest_e : exposure, largest window, measured maps and mean photoelectrons of the plan.
+    clipped : fraction of the sampled pixels that are clipped; their changes are only counted.
+    pixels : number of sampled pixels, with four samples each; effects in fewer than three of them may be missed.
     """
 
     camera: str
@@ -95,12 +92,12 @@ class Plan:
 
     @property
     def left_out(self) -> list[str]:
-        """Labels of the stages that are left out."""
+        """Labels of the omitted stages."""
         return [effect.stage for effect in self.effects if not effect.kept]
 
     @property
     def conditions(self) -> str:
-        """Light, exposure and window that the plan holds for."""
+        """Light, exposure and window of the plan."""
         exposure, (rows, columns) = self.frame.exposure, self.frame.window.shape
         return (
             f"{self.darkest_e:.4g} … {self.brightest_e:.4g} mean photoelectrons per pixel, "
@@ -108,13 +105,13 @@ class Plan:
         )
 
     def explain(self) -> str:
-        """A table for people."""
+        """Return a table for people."""
         first = max(26, *(len(one.stage) + 2 for one in self.effects))
         lines = [
-            f"Plan for {self.camera}: without what is left out, no sampled pixel changes by more than "
+            f"Plan for {self.camera}: omitting the stages left out changes no sampled pixel by more than "
             f"{self.tolerance_dn:g} DN.",
             f"It holds for {self.conditions}.",
-            "What leaving out each stage changes [DN], and the pixels that change by more than the tolerance:",
+            "Change by omitting each stage [DN], and number of pixels that change by more than the tolerance:",
             f"{'stage':<{first}}{'':<9}" + "".join(f"{name:>10}" for name in COLUMNS),
         ]
         for one in self.effects:
@@ -124,12 +121,12 @@ class Plan:
                 f"{one.stage:<{first}}{_verdict(one):<9}{cells}  {one.reason}".rstrip()
             )
         lines.append(
-            f"Of {self.pixels} sampled pixels {100 * self.clipped:.3g} % are clipped: their changes are only counted."
+            f"{100 * self.clipped:.3g} % of {self.pixels} sampled pixels are clipped; their changes are only counted."
         )
         return "\n".join(lines)
 
     def check(self, light: Detected, frame: Frame) -> None:
-        """Raise InputError for an exposure, a window, measured maps or light that this plan was not made for."""
+        """Raise InputError for an exposure, window, measured maps or light that this plan does not cover."""
         own, shape, (low, high) = self.frame, frame.window.shape, _ends_e(light)
         maps, given = own.window.given, frame.window.given
         with_, has = (", ".join(sorted(one)) or "none" for one in (maps, given))
@@ -152,10 +149,10 @@ class Plan:
         elif not same_maps:
             other = f"other measured maps ({with_}) than this exposure has ({has})"
         if other:
-            raise InputError(f"the plan was made for {other}; make a plan for this one.")
+            raise InputError(f"the plan was made for {other}; make a new plan.")
 
     def to_dict(self) -> dict[str, Any]:
-        """The same for programs."""
+        """Return the plan for programs."""
         rows, columns = self.frame.window.shape
         held = {"exposure": asdict(self.frame.exposure), "rows": rows, "columns": columns}
         light = {"darkest_e": self.darkest_e, "brightest_e": self.brightest_e}
@@ -178,7 +175,7 @@ def plan(
     wavelengths_nm: ArrayLike | None = None,
     maps: Mapping[str, ArrayLike] | None = None,
 ) -> Plan:
-    """Which stages this exposure needs, by samples of its frames with and without each of them.
+    """Return the stages that this exposure needs, from samples of its frames with and without each stage.
 
     ::
 
@@ -186,17 +183,17 @@ def plan(
         frames = ms.expose(photons, camera, exposure, plan=plan)
 
     photons, wavelengths_nm, maps : as for :func:`expose`.
-    tolerance_dn : how far the stages left out may together move any sampled pixel before rounding, and the mean of a
-        row or column times the root of its length [DN]; 0 leaves out only what changes no sampled pixel. Of a camera
-        with several read-outs it is that of the linear code.
-    Raises InputError for a negative tolerance, and for photons and maps that ``expose`` would refuse.
+    tolerance_dn : largest change, by all omitted stages together, of any sampled pixel before rounding, and of the mean
+        of a row or column times the root of its length [DN]. 0 omits only stages without effect. With several readouts
+        it applies to the linear code.
+    Raises InputError for a negative tolerance, and for photons and maps that ``expose`` rejects.
     """
     camera = camera_of(camera)
     check_types(camera, exposure)
     warn_of_temperature(exposure.temperature_k)
     if camera.readouts and maps:
         raise InputError(
-            f"maps are of one read-out, and {camera.name} has {len(camera.readouts)}; leave them out, or plan for "
+            f"maps belong to one readout, but {camera.name} has {len(camera.readouts)}; omit them, or plan for "
             "camera.at_readout(name)."
         )
     require("tolerance_dn", tolerance_dn, 0.0, 1e9, "digital numbers, e.g. 0.02")
@@ -208,7 +205,7 @@ def plan(
 
 
 def plan_of(camera: Camera, light: Detected, frame: Frame, tolerance_dn: float = 0.0) -> Plan:
-    """The plan of a window in light that is detected already; of several read-outs those of all of them."""
+    """Return the plan of a window in detected light, for all readouts."""
     stages, combined, (low, high) = camera.stages, combined_of(camera.stages), _ends_e(light)
     effects, trials = list[Effect](), list[Trial]()
     if combined is None:
@@ -226,7 +223,7 @@ def plan_of(camera: Camera, light: Detected, frame: Frame, tolerance_dn: float =
             effects += [replace(one, stage=f"{readout.name}: {one.stage}") for one in moved]
             readouts.append(replace(readout, stages=rest))
         kept = (*stages[:-1], replace(combined, readouts=tuple(readouts)))
-    ends = low * (1 - WIDTH), high * (1 + WIDTH)
+    ends = low * (1 - LIGHT_TOLERANCE), high * (1 + LIGHT_TOLERANCE)
     clipped = max(float(trial.clipped.mean()) for trial in trials)
     pixels = trials[0].of_frame.pixels
     return Plan(
@@ -241,7 +238,7 @@ def prepare_planned_exposure(
     origin: tuple[int, int],
     options: ExposeOptions,
 ) -> PreparedExposure:
-    """What :func:`sensor.expose.prepare_exposure` returns; its light gets a plan within ``tolerance_dn``.
+    """Return the exposure of :func:`sensor.expose.prepare_exposure`, with a plan if ``tolerance_dn`` is set.
 
     shape, origin : (rows, columns) of the window and its first pixel.  options : completed.  Raises InputError.
     """
@@ -257,7 +254,7 @@ def _verdict(effect: Effect) -> str:
 
 
 def _ends_e(light: Detected) -> tuple[float, float]:
-    """Mean photoelectrons of the darkest and the brightest pixel, in all exposures of the frame."""
+    """Return the mean photoelectrons of the darkest and the brightest pixel in all exposures of the frame."""
     others = getattr(light.signal, "by_readout", None) or {}
     parts = [light.mean_e, *(np.asarray(one.light) for one in others.values())]
     return min(float(x.min()) for x in parts), max(float(x.max()) for x in parts)

@@ -1,4 +1,4 @@
-"""What a chain without some of its stages changes in samples of its frames, by the same random numbers."""
+"""Effect of omitting stages of a chain on samples of its frames, with the same random numbers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .expected import (
 )
 
 CLEAR_SIGMAS = 7.0
-"""Shot noise between the fullest sampled pixel and a full well that can be left out."""
+"""A full well can be omitted if the fullest sampled pixel is this many σ of shot noise below it."""
 
 NEEDED = "changes the unit; always needed"
 IDLE = "has no effect here"
@@ -35,14 +35,14 @@ BELOW = "below the tolerance"
 
 @dataclass(frozen=True)
 class Effect:
-    """What leaving out one stage changes [DN].
+    """Effect of omitting one stage [DN].
 
-    stage : its label, behind that of its read-out if there are several.
-    mean_dn, temporal_dn, spatial_dn : of pixels that are not clipped: mean of the change, and its σ from frame to frame
-        and from sensor to sensor; in the light of the frame or over all its levels, where it is larger.
-    structure_dn : σ of the part of the change that all pixels of a row or column share, times the root of the length of
-        that line: to be compared with the noise of a pixel.
-    pixels_beyond : expected number of pixels of a frame, clipped ones too, that change by more than the tolerance.
+    stage : label of the stage, after its readout's label if there are several.
+    mean_dn, temporal_dn, spatial_dn : mean of the change of unclipped pixels, and its σ from frame to frame and from
+        sensor unit to sensor unit; the larger of the frame's light and all its levels.
+    structure_dn : σ of the change that all pixels of a row or column share, times the root of the line's length, for
+        comparison with the noise of a pixel.
+    pixels_beyond : expected number of pixels of a frame, clipped or not, that change by more than the tolerance.
     """
 
     stage: str
@@ -56,19 +56,19 @@ class Effect:
 
     @property
     def columns(self) -> tuple[float, ...]:
-        """Its numbers, as a table shows them."""
+        """The numbers of a table row."""
         changes = self.mean_dn, self.temporal_dn, self.spatial_dn, self.structure_dn
         return (*changes, self.pixels_beyond)
 
     @property
     def largest_dn(self) -> float:
-        """The largest of its changes [DN]."""
+        """The largest change [DN]."""
         return max(self.columns[:-1])
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A chain with and without stages, in the light of a frame and at all levels between its darkest and brightest."""
+    """A chain with and without stages, in the light of a frame and at all levels between its pixels."""
 
     stages: Chain
     light: Detected
@@ -76,7 +76,7 @@ class Trial:
     tolerance_dn: float
 
     def chosen(self) -> tuple[list[Effect], Chain]:
-        """The effects of all stages, and the stages that are left."""
+        """Return the effects of all stages, and the stages that remain."""
         whole = self.stages
         units = [stage.domain for stage in whole]
         needed = [True, *(one != before for before, one in itertools.pairwise(units))]
@@ -101,11 +101,11 @@ class Trial:
         return effects, without(whole, out)
 
     def is_within(self, effect: Effect) -> bool:
-        """Whether no sampled pixel changes by more than the tolerance, nor the mean of a line times √(its length)."""
+        """Return True if no sampled pixel, and no line mean times √length, changes by more than the tolerance."""
         return effect.pixels_beyond == 0 and effect.largest_dn <= self.tolerance_dn
 
     def is_clear_of(self, stage: Stage) -> bool:
-        """Whether the fullest sampled pixel is far below where the stage clips."""
+        """Return True if the fullest sampled pixel is far below the clipping level of the stage."""
         if stage.saturation_e is None:
             return True
         fullest_e = float(self.fullest[place_of(stage, self.stages) - 1])
@@ -113,12 +113,12 @@ class Trial:
 
     @cached_property
     def of_frame(self) -> Expectation:
-        """Windows of the frame."""
+        """Expectation in windows of the frame."""
         return Expectation(self.stages, self.light, self.frame)
 
     @cached_property
     def levels(self) -> Expectation:
-        """A window with all levels of the light, from dark to bright, and all values of measured maps at each."""
+        """Expectation in a window with all levels of the light, and all values of measured maps at each level."""
         rows, columns = (min(SIDE_PX, side) for side in self.frame.window.shape)
         shape = rows, columns
         part, light_e = self.light.crop_rows(slice(0, rows)), self.light.mean_e
@@ -137,7 +137,7 @@ class Trial:
 
     @cached_property
     def windows(self) -> list[tuple[Expectation, int]]:
-        """Those of the frame; beside them the corners of the frame and two windows with all levels of light."""
+        """Windows of the frame, its corners, and two windows with all levels of light."""
         frame = self.of_frame
         parts = [frame] if frame.repeats > 1 else [frame, replace(frame, of_corners=True)]
         found = [(part, k) for part in parts for k in range(len(part.windows))]
@@ -145,16 +145,16 @@ class Trial:
 
     @cached_property
     def fullest(self) -> Float64Array:
-        """Largest sampled signal behind each stage."""
+        """Largest sampled signal after each stage."""
         return np.full(len(self.stages), -np.inf)
 
     @cached_property
     def clipped(self) -> Float64Array:
-        """Share of the pixels of each window of the frame that are clipped."""
+        """Fraction of clipped pixels in each window of the frame."""
         return np.zeros(len(self.of_frame.windows))
 
     def moved(self, outs: Sequence[Collection[Stage]]) -> list[Effect]:
-        """What leaving out each of these sets of stages changes."""
+        """Return the effect of omitting each of these sets of stages."""
         found = np.zeros((len(self.windows), len(outs), 5))
 
         def write(number: int) -> None:
@@ -170,19 +170,22 @@ class Trial:
         return [Effect("", True, *row) for row in numbers]
 
     def _window(self, number: int, outs: Sequence[Collection[Stage]]) -> Float64Array:
-        """Of one window and each set of stages: squared mean, temporal and spatial variance of the change, variance
-        that lines share times their length, and the share of pixels beyond the tolerance."""
+        """Return the statistics of one window for each set of stages, shape (sets, 5).
+
+        They are squared mean, temporal and spatial variance of the change, variance that lines share times their
+        length, and the fraction of pixels beyond the tolerance.
+        """
         expectation, place = self.windows[number]
         inside, light = expectation.windows[place].inside, expectation.light_of(place)
         top, keep, moved = converter_of(self.stages).highest + 0.5, np.ones((1, 1), bool), []
         for frame in (one for sensor in expectation.frames_of(place) for one in sensor):
-            behind = list(signals(self.stages, light, frame))
-            keep = keep & ~is_clipped(self.stages, behind, frame)[inside]
-            for k, signal in enumerate(behind):
+            outputs = list(signals(self.stages, light, frame))
+            keep = keep & ~is_clipped(self.stages, outputs, frame)[inside]
+            for k, signal in enumerate(outputs):
                 self.fullest[k] = max(self.fullest[k], float(np.max(total(signal))))
-            code = np.clip(ideal_code(self.stages, behind[-2], frame), -0.5, top)[inside]
+            code = np.clip(ideal_code(self.stages, outputs[-2], frame), -0.5, top)[inside]
             moved.append([
-                np.clip(self._without(out, behind, frame), -0.5, top)[inside] - code if out else 0 * code
+                np.clip(self._without(out, outputs, frame), -0.5, top)[inside] - code if out else 0 * code
                 for out in outs
             ])  # fmt: skip
         if expectation is self.of_frame:
@@ -198,16 +201,19 @@ class Trial:
         return np.array(rows)
 
     def _without(
-        self, out: Collection[Stage], behind: list[Array], frame: Frame
+        self, out: Collection[Stage], outputs: list[Array], frame: Frame
     ) -> Float64Array:
-        """The codes without some stages, before rounding and clips.  behind : the signals behind every stage."""
+        """Return the codes without some stages, before rounding and clipping.  outputs : signals after every stage."""
         first = min(place_of(stage, self.stages) for stage in out)
         rest = without(self.stages[first:-1], out)
-        return ideal_code(self.stages, sample(rest, behind[first - 1], frame), frame)
+        return ideal_code(self.stages, sample(rest, outputs[first - 1], frame), frame)
 
     def _of_lines(self, d: Float64Array) -> float:
-        """Variance that the pixels of a line share times the length of the line, of rows or columns, from frame to
-        frame or from sensor to sensor: the largest.  d : changes, (2, 2, H, W)."""
+        """Return the variance that the pixels of a line share, times the length of the line.
+
+        It is the largest of rows and columns, from frame to frame or from sensor unit to sensor unit. d : changes,
+        shape (2, 2, H, W).
+        """
         height, width = self.frame.window.shape
         temporal = (d[:, 0] - d[:, 1]) / math.sqrt(2)
         spatial = (d[:1].mean(axis=1) - d[1:].mean(axis=1)) / math.sqrt(2)
@@ -218,7 +224,7 @@ class Trial:
 
 
 def _shared(x: Float64Array) -> float:
-    """Variance that the pixels of a row share, by the means of its even and its odd pixels.  x : (N, H, W)."""
+    """Return the variance that the pixels of a row share, from its even and odd pixels.  x : shape (N, H, W)."""
     if x.shape[2] < 2:
         return 0.0
     return float((x[..., ::2].mean(axis=2) * x[..., 1::2].mean(axis=2)).mean())

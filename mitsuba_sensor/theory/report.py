@@ -1,4 +1,4 @@
-"""Report of a frame: every stage as expected and as it is, counts of clipped pixels, light outside the QE curve."""
+"""Report of frames: expected and measured signal after every stage, clipped pixels, light outside the QE curve."""
 
 from __future__ import annotations
 
@@ -15,13 +15,12 @@ from .expected import Expectation
 
 
 def report(camera: Camera, expected: Expectation, counts: Mapping[str, int]) -> dict[str, Any]:
-    """The report of frames, ready for JSON.
+    """Return the report of frames, ready for JSON.
 
-    ``photons`` (min, median, max per pixel; of electrons where they are ``detected``), ``stages`` (below), ``counts``
-    of clipped and cut pixels of the first frame, photons ``outside_qe`` and ``K_dn_per_e``. Each stage has mean and σ
-    as expected, averaged over the window (σ total, temporal, spatial; standard errors of mean, temporal and spatial σ),
-    and as the same pixels of the frames have them: σ_frame is the rms distance from what is expected of each pixel.
-    ``theory`` says by how many pixels.
+    It has ``photons`` (min, median, max per pixel; electrons if ``detected``), ``stages``, ``counts`` of clipped pixels
+    of the first frame, photons ``outside_qe`` and ``K_dn_per_e``. Each stage has the expected mean and σ (total,
+    temporal, spatial) averaged over the window, their standard errors, and the mean and σ of the same pixels in the
+    frames, where σ_frame is the rms distance from the expectation of each pixel. ``theory`` has the number of pixels.
     """
     photons = expected.light.photons
     seen = expected.light.mean_e if photons.detected else photons.total
@@ -46,7 +45,7 @@ def report(camera: Camera, expected: Expectation, counts: Mapping[str, int]) -> 
 
 
 def _line(stage: Stage, expected: Expectation) -> dict[str, Any]:
-    """One stage of the report, in its own unit."""
+    """Return the report of one stage, in its unit."""
     found = expected.averages(stage)
     return {
         "name": stage.label,
@@ -65,7 +64,7 @@ def _line(stage: Stage, expected: Expectation) -> dict[str, Any]:
 
 
 def error_of_root(variance: float, error: float) -> float:
-    """Standard error of the root of a variance whose standard error may be larger than itself."""
+    """Return the standard error of the root of a variance, which may be smaller than its standard error."""
     if error:
         return float(error / (np.sqrt(variance) + np.sqrt(variance + error)))
     return 0.0

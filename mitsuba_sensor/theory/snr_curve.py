@@ -1,4 +1,4 @@
-"""SNR of a camera in uniform light against the photoelectrons per pixel."""
+"""SNR of a camera versus photoelectrons per pixel, in uniform illumination."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ LEVELS_PER_DECADE, DARKEST_E, BRIGHTEST_OVER_SATURATION = 4, 1.0, 0.9
 
 @dataclass(frozen=True, eq=False)
 class SnrCurve:
-    """Signal and noise of one camera at several levels of uniform light, each shape (L,).
+    """Signal and noise of one camera at several exposure levels of uniform illumination, each shape (L,).
 
-    electrons : mean photoelectrons per pixel.  signal_dn : mean code above that in the dark.
+    electrons : mean photoelectrons per pixel.  signal_dn : mean code above the dark.
     temporal_dn, spatial_dn : σ from frame to frame and from pixel to pixel [DN].
     """
 
@@ -49,7 +49,7 @@ class SnrCurve:
 
     @property
     def snr(self) -> Float64Array:
-        """Signal over temporal noise, as of EMVA 1288; infinite without noise."""
+        """Signal over temporal noise (EMVA 1288); infinite without noise."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.signal_dn / self.temporal_dn
 
@@ -85,7 +85,7 @@ class SnrCurve:
         return f"SNR of {self.camera} in {exposure.time_s:g} s at {exposure.temperature_k:g} K"
 
     def plot(self, axes: Axes | None = None) -> Axes:
-        """Draw both SNR curves and the limit by shot noise with Matplotlib; return the axes."""
+        """Draw both SNR curves and the shot noise limit with Matplotlib; return the axes."""
         labels = f"SNR versus signal, {self.camera}", "photoelectrons per pixel", "SNR"
         drawn = labelled_axes(axes, *labels)
         drawn.loglog(self.electrons, self.snr, "o-", label="temporal noise")

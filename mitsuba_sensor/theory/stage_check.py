@@ -1,4 +1,4 @@
-"""Check of a stage that a user wrote: check_stage()."""
+"""Test of a user's stage: check_stage()."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from ..stages.stage import UNITS, Stage, place_of, total
 from .report import error_of_root
 
 PAIRS, SIDE_PX, FRAMES = 16, 64, 2**20
-"""Pairs of sensor units, side of their windows [px], and the frames of which two of each unit are drawn at random, so
-that an effect of any period is seen: what a stage is measured by."""
+"""Pairs of sensor units, side of their windows [px], and range of frame numbers. Two frame numbers are drawn at random
+for each unit, which reveals an effect of any period."""
 
 ERRORS = 5.0
-"""Standard errors that a measured number may be off: 2e-4 of right ones are, by Student's t of 16 pairs."""
+"""Allowed deviation in standard errors; a right stage exceeds it with probability 2e-4 (Student's t, 16 pairs)."""
 
 LEVELS = {"dim": 0.02, "bright": 0.3}
-"""Signals that enter, as shares of the full well."""
+"""Input signals, as fractions of the full well."""
 
 Stated: TypeAlias = float | Callable[[float], float] | None
 QUANTITIES = ("mean", "temporal σ", "spatial σ")
@@ -47,7 +47,7 @@ QUANTITIES = ("mean", "temporal σ", "spatial σ")
 class StageFigure(NamedTuple):
     """A measured number of a stage, in its unit.
 
-    signal : which one entered.  error : standard error.  stated : what the user says it is, or None.
+    signal : name of the input signal.  error : standard error.  stated : value that the user stated, or None.
     """
 
     signal: str
@@ -59,16 +59,16 @@ class StageFigure(NamedTuple):
 
 @dataclass(frozen=True)
 class StageCheck:
-    """What :func:`check_stage` measured; ``print(check.explain())`` shows it as a table."""
+    """Measurements of :func:`check_stage`; ``print(check.explain())`` shows them as a table."""
 
     stage: str
     unit: str
     figures: tuple[StageFigure, ...]
 
     def explain(self) -> str:
-        """A table for people."""
+        """Return a table for people."""
         lines = [
-            f"{self.stage}: the same again, the same in a crop, on every engine, and always a number [{self.unit}]",
+            f"{self.stage}: reproducible, equal in a crop and on every engine, always finite [{self.unit}]",
             f"{'signal':<8}{'quantity':<12}{'measured':>12}{'±':>10}{'stated':>12}",
         ]
         for one in self.figures:
@@ -88,34 +88,33 @@ def check_stage(
     temporal: Stated = None,
     spatial: Stated = None,
 ) -> StageCheck:
-    """Sample a stage and look at what the rest of the package relies on.
+    """Sample a stage and test what the rest of the package relies on.
 
     ::
 
         print(ms.check_stage(Hum(1e-4), camera=camera, after="reset_noise", temporal=1e-4).explain())
 
-    stage : one of yours, or one of the camera's own.  after : key of the stage in front of it, as for
-        ``camera.with_stage``; None for a stage that is in the chain of this camera.
-    exposure : time and temperature; None: 0.1 s.
-    mean, temporal, spatial : if given, what the mean of the signal behind the stage is, its σ from frame to frame of
-        one pixel, and its σ from sensor unit to sensor unit of one pixel; a number, or a function of the signal that
-        enters [unit of the stage].
-    A frame made again must be the same, a crop of a frame must be the frame of the crop but for ``reach_px`` pixels at
-    its edges, compiled engines must give the bytes of NumPy in float32, and no signal may be NaN or infinite. The
-    means and σ of a uniform signal are measured with their standard errors; what is stated must fit within 5.
-    Raises InputError where something does not.
+    stage : your stage, or a stage of the camera.
+    after : key of the stage before it, as for ``camera.with_stage``; None for a stage in the chain of this camera.
+    exposure : time and temperature. Default: 0.1 s.
+    mean, temporal, spatial : your statement of the mean after the stage, of the σ of one pixel from frame to frame, and
+        of its σ from sensor unit to sensor unit: a number, or a function of the input signal [unit of the stage].
+    A repeated frame must be equal. A crop of a frame must equal the frame of the crop, except ``reach_px`` pixels at
+    its edges. Compiled engines must give the bytes of NumPy in float32, and all signals must be finite. Means and σ of
+    a uniform signal are measured with standard errors; statements must agree within 5 of them.
+    Raises InputError if a test fails.
     """
     camera = camera_of(camera)
     exposure = Exposure(0.1) if exposure is None else exposure
     check_types(camera, exposure)
-    refuse_readouts(camera, "a stage is checked in one of them")
+    refuse_readouts(camera, "a stage is tested in one readout")
     chain = camera.stages if after is None else camera.with_stage(stage, after=after).stages
     place = place_of(stage, chain) if any(stage is one for one in chain) else 0
     name, figures = type(stage).__name__, list[StageFigure]()
     if place == 0 or stage.domain == "DN":
         raise InputError(
-            f"{name} is not between the first and the last stage of {camera.name}; "
-            "say where it stands, e.g. after='dark_current', or pass one of camera.stages[1:-1]."
+            f"{name} is not between the first and the last stage of {camera.name}; give its place, e.g. "
+            "after='dark_current', or pass one of camera.stages[1:-1]."
         )
     gain = math.prod(one.nominal_gain for one in chain[1:place])
     dark_e, are_electrons = (
@@ -132,10 +131,8 @@ def check_stage(
             stated = said(light + trial.dark) if callable(said) else said
             if stated is not None:
                 what = f"in {UNITS[stage.domain]}, or a function that returns one, e.g. 1e-4"
-                stated = require(f"the {quantity} that is stated", stated, -1e30, 1e30, what)
-            power = (
-                1 if quantity == QUANTITIES[0] else 2
-            )  # what is measured of a σ is its square
+                stated = require(f"the stated {quantity}", stated, -1e30, 1e30, what)
+            power = 1 if quantity == QUANTITIES[0] else 2  # variances are measured, not σ
             root = number if power == 1 else math.sqrt(max(number, 0.0))
             of_root = error if power == 1 else error_of_root(root**2, error)
             figures.append(StageFigure(level, quantity, root, of_root, stated))
@@ -144,7 +141,7 @@ def check_stage(
                 if not abs(number - stated**power) <= ERRORS * error + rounding:
                     raise InputError(
                         f"{name} has the {quantity} {root:.6g} ± {of_root:.2g} {UNITS[stage.domain]} in a {level} "
-                        f"signal, and {stated:.6g} is stated; correct sample, or what you expect of it."
+                        f"signal, but {stated:.6g} is stated; correct sample(), or the statement."
                     )
     return StageCheck(name, UNITS[stage.domain], tuple(figures))
 
@@ -153,7 +150,7 @@ def check_stage(
 class Trial:
     """A uniform signal through one stage.
 
-    are_electrons : whether Electrons enter.  dark : part of the signal that is dark electrons, in its unit.
+    are_electrons : True if the input is Electrons.  dark : dark part of the signal, in its unit.
     """
 
     stage: Stage
@@ -164,7 +161,7 @@ class Trial:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Of a window."""
+        """Rows and columns of a window."""
         sensor = self.camera.sensor
         return min(SIDE_PX, sensor.rows), min(SIDE_PX, sensor.columns)
 
@@ -175,16 +172,16 @@ class Trial:
         origin: tuple[int, int],
         shape: tuple[int, int] | None = None,
     ) -> SensorWindow:
-        """A part of one sensor unit."""
+        """Return a window of one sensor unit."""
         size = shape or self.shape
         return SensorWindow(serial, size, origin, backend=backend, camera=self.camera.name)
 
     def sample(
         self, window: SensorWindow, light: float, index: int, pattern: bool = False
     ) -> Float64Array:
-        """The signal behind the stage in one frame, (H, W). Raises InputError where it is no number.
+        """Return the signal after the stage in one frame, shape (H, W). Raises InputError unless it is finite.
 
-        pattern : whether pixels that enter differ.
+        pattern : True for an input that differs from pixel to pixel.
         """
         frame, backend = Frame(self.exposure, window, window.serial, index), window.backend
         uneven = np.sin(1.7 * window.rows[:, None] + 2.3 * window.columns) if pattern else 0.0
@@ -193,8 +190,8 @@ class Trial:
             for x in (light, self.dark)
         )
         signal: Array = Electrons(*parts) if self.are_electrons else sum(parts)
-        behind = backend.to_numpy(total(self.stage.sample(signal, frame)), window)
-        found = np.array(np.broadcast_to(behind, window.shape), np.float64)
+        output = backend.to_numpy(total(self.stage.sample(signal, frame)), window)
+        found = np.array(np.broadcast_to(output, window.shape), np.float64)
         if not np.isfinite(found).all():
             raise InputError(
                 f"{type(self.stage).__name__} returns NaN or infinity in frame {index} at {window.origin}; let its "
@@ -203,7 +200,7 @@ class Trial:
         return found
 
     def check_samples(self, light: float) -> None:
-        """Raise InputError where the same frame, a crop of it or another engine has other numbers."""
+        """Raise InputError if a repeated frame, a crop or another engine gives other numbers."""
         name, (rows, columns), sensor = (
             type(self.stage).__name__,
             self.shape,
@@ -223,29 +220,28 @@ class Trial:
         made(index=6)
         if not np.array_equal(whole, made()):
             raise InputError(
-                f"{name} makes another frame of the same number when it is asked again; take random numbers from frame "
-                "and frame.window alone, and keep nothing between calls."
+                f"{name} gives another frame when the same frame is asked again; take random numbers only from frame "
+                "and frame.window, and keep nothing between calls."
             )
         edge, top, left = self.stage.reach_px, rows // 3, columns // 4
         crop = made(top=top, left=left)
         if not np.array_equal(whole[top + edge :, left + edge :], crop[edge:, edge:]):
             raise InputError(
-                f"{name}: the frame of a crop is not the crop of the frame; let sample use frame.window.rows and "
-                "columns, and random numbers of frame and frame.window alone, and reach_px say how far away the "
-                "neighbours are that change a pixel."
+                f"{name}: the frame of a crop is not the crop of the frame; use frame.window.rows and columns, take "
+                "random numbers only from frame and frame.window, and set reach_px to the distance of the farthest "
+                "neighbour that affects a pixel."
             )
         if backend_problem("llvm"):
             return
         compiled = made(choose_backend("drjit", "float32", 0))
         if not np.array_equal(whole, compiled):
             raise InputError(
-                f"{name}: engine drjit makes other numbers than numpy, up to {np.max(np.abs(whole - compiled)):.3g} "
-                "apart; take numbers from frame.number(…) and arrays from "
-                "frame.window.backend.from_numpy(…, frame.window)."
+                f"{name}: engine drjit differs from numpy by up to {np.max(np.abs(whole - compiled)):.3g}; take "
+                "numbers from frame.number(…) and arrays from frame.window.backend.from_numpy(…, frame.window)."
             )
 
     def measured(self, lights: Sequence[float]) -> Iterator[list[tuple[float, float]]]:
-        """Mean, temporal and spatial variance with their standard errors in each light, by two frames of each of two
+        """Yield mean, temporal and spatial variance with standard errors in each light, from two frames of each of two
         sensor units."""
         edge, random = self.stage.reach_px, np.random.default_rng(1)
         sensor = np.array([self.camera.sensor.rows, self.camera.sensor.columns])

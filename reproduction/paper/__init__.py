@@ -37,16 +37,13 @@ def measure_paper(progress: Progress, size: Size = FULL) -> Study:
     steps["PRNU"] = partial(pattern.measure_prnu, size)
     steps |= {key: partial(pattern.measure_f, *row, size) for row, key in whiteness.items()}
     steps |= {key: partial(dark.measure, law, size) for law, key in laws.items()}
-    steps["dark current"] = partial(dark.measure_rate, size)
     found = measured(steps, progress)
     sections = [
         light.section({name: found[key] for name, key in sweeps.items()}, size),
         transfer.section({name: found[key] for name, key in curves.items()}),
         pattern.prnu_section(found["PRNU"], size),
         pattern.f_section({row: found[key] for row, key in whiteness.items()}, size),
-        dark.section(
-            {law: found[key] for law, key in laws.items()}, found["dark current"], size
-        ),
+        dark.section({law: found[key] for law, key in laws.items()}, size),
         _gaps(),
     ]
     return study_of("paper", TITLE, sections)

@@ -1,23 +1,20 @@
-"""Fig. 8 to 11: histograms of averaged dark frames with fits; dark current of Table 1's camera."""
+"""Fig. 8 to 11: histograms of averaged dark frames with fits."""
 
 from __future__ import annotations
 
 import math
 from functools import partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
 
 from mitsuba_sensor import Camera
-from mitsuba_sensor.lab.measure.dark_current import DarkCurrentOverTime, dark_current
 from mitsuba_sensor.lab.measure.dark_signal import DarkSignal, Fit, dark_signal
 from mitsuba_sensor.lab.quantity import Quantity, normal_interval
 from mitsuba_sensor.pages.page import Drawing, Part, Section, Table, table
 
 from .camera import (
-    DARK_E_PER_S,
-    FULL_WELL_E,
     GAIN,
     KELVIN,
     NO_COLUMNS,
@@ -26,8 +23,8 @@ from .camera import (
     stack_of,
     table1,
 )
-from .check import WIDER, Check, all_hold, check_table, within_interval
-from .pattern import DARK_CV, ROUNDING_E2
+from .check import Check, all_hold, check_table, within_interval
+from .pattern import ROUNDING_E2
 from .published import DARK_SIGNALS, NORMAL_AT_1_MS, PublishedSignal
 
 if TYPE_CHECKING:
@@ -42,16 +39,6 @@ IN_CAMERA = {
     "log-normal": "lognormal",
     "gamma": "gamma",
 }  # names of the laboratory → of a camera file
-TIMES_S, RATE_FRAMES = (0.1, 1.0, 3.0, 10.0), 8  # of the dark current over time
-LONG_S = 100.0  # where Table 1's camera is saturated in the dark
-
-
-class Rate(NamedTuple):
-    """Dark current over time, its distribution at the longest time [DN], and what 100 s leave: mean and σ [DN]."""
-
-    over_time: DarkCurrentOverTime
-    signal: DarkSignal
-    long: tuple[float, float]
 
 
 def moments(law: PublishedSignal) -> tuple[float, float]:
@@ -111,20 +98,6 @@ def measure(law: PublishedSignal, size: Size) -> DarkSignal:
     return dark_signal(dark)
 
 
-def measure_rate(size: Size) -> Rate:
-    """Table 1's camera in the dark, without column offsets, which are wider than its DSNU."""
-    camera = table1(**NO_COLUMNS)
-    stacks = [
-        stack_of(camera, t, 0.0, size, frames=RATE_FRAMES, seed=600 + k)
-        for k, t in enumerate(TIMES_S)
-    ]
-    black = stack_of(camera, 0.0, 0.0, size, frames=RATE_FRAMES, seed=610).mean.mean()
-    averaged = stack_of(camera, TIMES_S[-1], 0.0, size, frames=size.dark_frames, seed=620)
-    long = stack_of(camera, LONG_S, 0.0, size, seed=630).frames
-    signal = dark_signal(averaged, round(float(black), 3))
-    return Rate(dark_current(stacks), signal, (float(long.mean()), float(long.std())))
-
-
 class Mixture:
     """The published distribution with our weights."""
 
@@ -182,7 +155,7 @@ def distance(law: PublishedSignal, found: DarkSignal) -> float:
     return float(scipy.stats.ks_1samp(found.values, Mixture(law).cdf).statistic)
 
 
-def checks_of(law: PublishedSignal, found: DarkSignal, size: Size) -> list[Check]:
+def checks_of(law: PublishedSignal, found: DarkSignal) -> list[Check]:
     """Every parameter of a published distribution, and of one with superimposed parts its distribution function."""
     label = f"{law.figure}, {law.time_s:g} s"
     if len(law.parts) > 1:
@@ -193,63 +166,21 @@ def checks_of(law: PublishedSignal, found: DarkSignal, size: Size) -> list[Check
     return [within_interval(f"{label}: {q.symbol}", value, q) for q, value in pairs]
 
 
-def rate_checks(found: Rate, size: Size) -> list[Check]:
-    """Dark current from the mean and from the variance, σ of ln x at the longest time, saturation at 100 s."""
-    mean = DARK_E_PER_S * TIMES_S[-1]
-    rest = remainder_dn(GAIN * mean, size.dark_frames) / (GAIN * mean)
-    _, sigma = parameters(found.signal, "log-normal")
-    dsnu = (
-        WIDER * 2 * DARK_CV * DARK_E_PER_S / size.window
-    )  # the pattern's own mean, not in the interval
-    return [
-        within_interval(
-            "dark current from the mean",
-            DARK_E_PER_S,
-            found.over_time.from_mean.in_electrons(GAIN),
-            dsnu,
-        ),
-        within_interval(
-            "dark current from the variance",
-            DARK_E_PER_S,
-            found.over_time.from_variance.in_electrons(GAIN),
-            dsnu,
-        ),
-        within_interval(
-            f"{TIMES_S[-1]:g} s: σ of ln x", math.hypot(DARK_CV, rest), sigma, 1e-5
-        ),
-        Check(f"{LONG_S:g} s: mean, saturated", "DN", 4095.0, found.long[0], 0.0),
-    ]
-
-
-def section(found: dict[PublishedSignal, DarkSignal], rate: Rate, size: Size) -> Section:
-    """Histograms, published parameters beside ours, dark current."""
-    checks = [check for law, one in found.items() for check in checks_of(law, one, size)]
+def section(found: dict[PublishedSignal, DarkSignal], size: Size) -> Section:
+    """Histograms, and published parameters beside ours."""
+    checks = [check for law, one in found.items() for check in checks_of(law, one)]
     last = DARK_SIGNALS[-1]
-    mean = rate.over_time.from_mean.in_electrons(GAIN)
     held = sum(check.holds for check in checks)
     findings = (
         f"Dark signal: {held} of {len(checks)} published parameters and distributions that were simulated come back; "
         f"at {last.time_s:g} s {found[last].best.name} fits best of the distributions with one part.",
-        f"Dark current of Table 1 at 25 °C: {mean.value:.2f} e-/s ({mean.low:.2f} to {mean.high:.2f}), which fills "
-        f"the well in {FULL_WELL_E / DARK_E_PER_S:.1f} s: at 100 s and more every pixel is saturated, unlike the "
-        "published histograms.",
     )
     pictures = [picture for law, one in found.items() for picture in _pictures(law, one, size)]
-    more = rate_checks(rate, size)
-    note = "Table 1's camera without column offsets, in which the pixels' dark currents have σ = 1 %."
-    pictures += [
-        Drawing("Dark current of Table 1's camera", rate.over_time.plot, note),
-        Drawing(
-            f"Distribution of the dark signal after {TIMES_S[-1]:g} s, Table 1's camera",
-            rate.signal.plot,
-            note,
-        ),
-    ]
     tables = (
         _fits(found),
-        check_table("Fig. 8 to 11 and dark current: what was simulated", [*checks, *more]),
+        check_table("Fig. 8 to 11: what was simulated", checks),
     )
-    return Section(findings, all_hold([*checks, *more]), (*pictures, *tables))
+    return Section(findings, all_hold(checks), (*pictures, *tables))
 
 
 def _pictures(law: PublishedSignal, found: DarkSignal, size: Size) -> list[Part]:

@@ -8,11 +8,10 @@ import numpy as np
 
 from mitsuba_sensor.lab.frames.series import series
 from mitsuba_sensor.lab.measure.radiometric import Radiometric, radiometric
-from mitsuba_sensor.pages.page import Line, Plot, Section, Table, line, table
+from mitsuba_sensor.pages.page import Line, Plot, Section, line
 from mitsuba_sensor.study.kit import Array
 
 from .camera import (
-    COLUMN_DN,
     CURVES,
     DARK_E_PER_S,
     EFFICIENCY,
@@ -80,7 +79,7 @@ def measure(name: str, size: Size) -> Sweep:
 
 
 def section(sweeps: dict[str, Sweep], size: Size) -> Section:
-    """Plot, table and what must hold."""
+    """Plots and what must hold."""
     checks = [check for name, sweep in sweeps.items() for check in checks_of(name, sweep, size)]
     r, error = sweeps[LINEAR].result.responsivity, sweeps[LINEAR].result.linearity_error
     finding = (
@@ -91,7 +90,7 @@ def section(sweeps: dict[str, Sweep], size: Size) -> Section:
     return Section(
         (finding,),
         all_hold(checks),
-        (*_plots(sweeps), _table(sweeps), check_table("Fig. 2: what closed forms say", checks)),
+        (*_plots(sweeps), check_table("Fig. 2: what closed forms say", checks)),
     )
 
 
@@ -150,33 +149,4 @@ def _plots(sweeps: dict[str, Sweep]) -> tuple[Plot, Plot]:
         Plot(
             f"{title}, logarithmic", label, "mean and standard deviation [DN]", both, note=note
         ),
-    )
-
-
-def _table(sweeps: dict[str, Sweep]) -> Table:
-    exact = _signal(LINEAR)
-    light = np.minimum(FULL_WELL_E * np.array(TIMES_S) / FRAME_S, FULL_WELL_E)
-    spread = np.sqrt(
-        RESPONSES[LINEAR].variance(light + DARK_E_PER_S * np.array(TIMES_S))
-        + (GAIN * PRNU * light) ** 2
-        + COLUMN_DN**2
-    )
-    rows = []
-    for k, t in enumerate(TIMES_S):
-        below = t < BELOW_WELL * FRAME_S
-        one, other = sweeps[LINEAR], sweeps[PAIR]
-        cells = (
-            float(one.result.signal[k]),
-            float(exact[k]) if below else None,
-            one.spread[k],
-            float(spread[k]) if below else None,
-        )
-        rows.append(("", (t, *cells, float(other.result.signal[k]), other.spread[k])))
-    return table(
-        "Fig. 2: radiometric function",
-        "exposure time [s] | signal, linear [DN] | closed form [DN] | σ of the pixels, linear [DN] | closed form "
-        "[DN] | signal, V/V + ADC [DN] | σ of the pixels, V/V + ADC [DN]",
-        rows,  # type: ignore[arg-type]
-        "Signals are means minus those of dark frames of the same time; σ is that of one frame, over its pixels. "
-        "The black level ends the linear camera 0.4 % below a full well, at the largest code.",
     )

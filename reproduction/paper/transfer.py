@@ -188,38 +188,13 @@ def _plots(curves: dict[str, Curve]) -> tuple[Plot, ...]:
         snr.append(_exact(name, signal, signal / np.sqrt(variance)))
     note = "Bins of the means of single pixels, some of which are shown; σ is the root of the mean variance of a bin."
     label = "signal above darkness [DN]"
+    noise_axis, snr_axis = "temporal noise σ [DN]", "signal-to-noise ratio [1]"
     return (
-        Plot(
-            "Fig. 3a: photon transfer curve",
-            label,
-            "temporal noise σ [DN]",
-            tuple(noise),
-            False,
-            False,
-            note=note,
-        ),
-        Plot(
-            "Fig. 3b: photon transfer curve, logarithmic",
-            label,
-            "temporal noise σ [DN]",
-            tuple(noise),
-            note=note,
-        ),
-        Plot(
-            "Fig. 4a: signal-to-noise ratio up to saturation",
-            label,
-            "signal-to-noise ratio [1]",
-            tuple(snr),
-            False,
-            False,
-        ),
-        Plot(
-            "Fig. 4b: signal-to-noise ratio, logarithmic",
-            label,
-            "signal-to-noise ratio [1]",
-            tuple(snr),
-        ),
-    )
+        Plot("Fig. 3a: photon transfer curve", label, noise_axis, tuple(noise), False, False, note=note),
+        Plot("Fig. 3b: photon transfer curve, logarithmic", label, noise_axis, tuple(noise), note=note),
+        Plot("Fig. 4a: signal-to-noise ratio up to saturation", label, snr_axis, tuple(snr), False, False),
+        Plot("Fig. 4b: signal-to-noise ratio, logarithmic", label, snr_axis, tuple(snr)),
+    )  # fmt: skip
 
 
 def _points(name: str, curve: Curve, y: Array, beyond: bool = True) -> Line:

@@ -231,5 +231,5 @@ def test_a_lamp_is_not_compared_with_a_scene() -> None:
 
 def test_several_sensors_refuse_a_scale_of_each_view(tmp_path: Path) -> None:
     scene = write_scene(tmp_path, scene_text(SKY, PERSPECTIVE.format(film="", more="")))
-    with pytest.raises(ms.InputError, match=r"2 sensors .* would each scale the light"):
+    with pytest.raises(ms.InputError, match=r"2 sensors .* would scale the light"):
         ms.capture(scene, CAMERA, EXPOSURE, sensor="all", luminance=10, **SMALL)

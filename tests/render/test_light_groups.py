@@ -279,7 +279,7 @@ BAD = {
     "no groups to change": ({"lights": {"env": 1}}, "--light-groups auto"),
     "a render for each frame": (
         {"lights": {"env": 1}, "render_noise": "per-frame"},
-        "leave one of both out",
+        "omit one of them",
     ),
 }
 

@@ -193,7 +193,7 @@ def test_all_exposures_of_a_frame_fit_into_its_period(flat: ms.Irradiance) -> No
     span_s = 0.008 * (1 + 1 / 4 + 1 / 16) + GAP_US * 1e-6
     assert frame_span_s(CAMERA, EXPOSURE) == pytest.approx(span_s)
     light = flat.with_lights(lamp=ms.pwm(100, 0.5))
-    with pytest.raises(ms.InputError, match="with the read-outs behind it"):
+    with pytest.raises(ms.InputError, match="with later exposures"):
         ms.expose(light, CAMERA, EXPOSURE, frames=2, frame_period_s=0.99 * span_s)
     ms.expose(light, CAMERA, EXPOSURE, frames=2, frame_period_s=1.01 * span_s)
     with pytest.raises(ms.InputError, match="gap_us belongs to a charge of its own"):

@@ -161,10 +161,10 @@ def test_a_shutter_of_a_later_frame_has_the_same_subframes_later() -> None:
 
 
 BAD: dict[str, tuple[dict[str, Any], str]] = {
-    "both": ({"fps": 30, "frame_period_s": 0.1}, "say the same"),
-    "too long": ({"fps": 2000}, "longer than the frame period"),
+    "both": ({"fps": 30, "frame_period_s": 0.1}, "set the same"),
+    "too long": ({"fps": 2000}, "exceeds the frame period"),
     "no rate": ({"fps": 0}, "fps is 0"),
-    "no time": ({"auto_exposure": "target 0.2"}, "give --fps"),
+    "no time": ({"auto_exposure": "target 0.2"}, "give fps"),
     "renders": (
         {"fps": 30, "render_noise": "per-frame"},
         "fps is given",

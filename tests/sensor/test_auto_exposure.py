@@ -54,12 +54,6 @@ def test_the_step_response_is_that_of_the_difference_equation(
     assert found.timed[-1].measured == pytest.approx(0.18, rel=0.3 if delay else 0.03)
 
 
-def test_without_delay_the_error_shrinks_by_one_minus_damping(lamps: ms.Irradiance) -> None:
-    found = captured(lamps, CAMERA, 0.002, frames=5, auto_exposure="target 0.18, damping 0.3")
-    errors = [math.log(0.18 / one.measured) for one in found.timed]  # type: ignore[operator]
-    np.testing.assert_allclose(np.divide(errors[1:], errors[:-1]), 0.7, atol=0.02)
-
-
 def test_gain_is_taken_where_the_time_is_at_its_limit(lamps: ms.Irradiance) -> None:
     dim = lamps.with_lights(sky=0.02, lamp=0.02)
     rule = ms.AutoExposure(damping=1.0, longest_s=0.01)

@@ -19,41 +19,23 @@ VOLTS_PER_E = 5e-6
 RTN = replace(PAPER, white_nv_per_rthz=0.0, rtn_uv=200.0)
 
 
-def electrons(noise: CdsNoise) -> float:
-    return noise.sigma_v / VOLTS_PER_E
+WHITE = replace(PAPER, corner_hz=0.0)
+PRINTED = [  # electrons; a frequency grid of 10 kHz gives 0.218 e- for the third
+    (WHITE, 3.226245),
+    (PAPER, 6.105069),
+    (replace(PAPER, sample_s=1e-4, dominant_s=0.5e-4), 5.19300),
+    (replace(RTN, rtn_s=50e-9), 6.6102),
+    (replace(RTN, rtn_s=1e-6), 17.8268),
+    (replace(RTN, rtn_s=10e-6), 10.1226),
+    (replace(RTN, rtn_s=1e-3), 1.1012),
+    (replace(RTN, rtn_s=1.0), 0.034855),
+    (replace(PAPER, white_nv_per_rthz=0.0), 0.0),
+]
 
 
-def test_white_noise_of_the_paper() -> None:
-    assert electrons(replace(PAPER, corner_hz=0.0)) == pytest.approx(3.226245, abs=5e-7)
-
-
-def test_flicker_noise_of_the_paper() -> None:
-    white = replace(PAPER, corner_hz=0.0)
-    assert math.sqrt(electrons(PAPER) ** 2 - electrons(white) ** 2) == pytest.approx(
-        5.182973, abs=5e-7
-    )
-
-
-def test_total_noise_of_the_paper() -> None:
-    assert electrons(PAPER) == pytest.approx(6.105069, abs=5e-7)
-
-
-def test_a_hundred_microseconds_between_the_samples() -> None:
-    """t_s = 100 µs with τ_D = 50 µs; a frequency grid of 10 kHz says 0.218 e- here."""
-    assert electrons(replace(PAPER, sample_s=1e-4, dominant_s=0.5e-4)) == pytest.approx(
-        5.19300, abs=5e-6
-    )
-
-
-@pytest.mark.parametrize(
-    ("rtn_s", "expected"),
-    [(50e-9, 6.6102), (1e-6, 17.8268), (10e-6, 10.1226), (1e-3, 1.1012), (1.0, 0.034855)],
-)
-def test_telegraph_noise_of_200_microvolts(rtn_s: float, expected: float) -> None:
-    assert electrons(replace(RTN, rtn_s=rtn_s)) == pytest.approx(expected, rel=3e-5)
-
-
-def test_the_flicker_integral_at_2() -> None:
+@pytest.mark.parametrize(("noise", "expected"), PRINTED)
+def test_the_noise_has_its_printed_value(noise: CdsNoise, expected: float) -> None:
+    assert noise.sigma_v / VOLTS_PER_E == pytest.approx(expected, rel=3e-5)
     assert flicker_integral(2.0) == pytest.approx(1.115785799, abs=5e-10)
 
 
@@ -105,7 +87,3 @@ def test_the_remainder_of_two_terms_keeps_its_digits(x: float) -> None:
     getcontext().prec = 60
     exact = 1 - (-Decimal(x)).exp() * (1 + Decimal(x))
     assert two_term_remainder(x) == pytest.approx(float(exact), rel=1e-9)
-
-
-def test_no_noise_is_no_noise() -> None:
-    assert replace(PAPER, white_nv_per_rthz=0.0).sigma_v == 0.0

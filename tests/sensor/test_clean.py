@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.expected_codes import bare_camera, mean_and_variance
-from helpers.marks import exhaustive, one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.stages.gains import gain_dn_per_e
@@ -43,13 +42,8 @@ CAMERAS: dict[str, Any] = {
     "all pixels differ": TABLE1.replace(**RTS, **OWN),
     "curved": TABLE1.replace(**CURVED, **QUIET),
     "bayer_2mp": ms.load_camera("bayer_2mp"),
-    "rgbir_2mp": ms.load_camera("rgbir_2mp"),
-    "eev_44_82": ms.load_camera("eev_44_82"),
 }
-CASES = [
-    ("0.1 DN", 0.002), ("0.1 DN", 0.995), ("all pixels differ", 0.0), ("curved", 0.995),
-    ("bayer_2mp", 0.995), ("rgbir_2mp", 0.5), ("eev_44_82", 0.0),
-]  # fmt: skip
+CASES = [("0.1 DN", 0.002), ("all pixels differ", 0.0), ("curved", 0.995), ("bayer_2mp", 0.995)]
 
 
 def photons_of(camera: ms.Camera, share: float) -> Any:
@@ -77,9 +71,7 @@ ENDS: dict[str, tuple[float, dict[str, float]]] = {
 
 
 @pytest.mark.parametrize("end", ENDS)
-@pytest.mark.parametrize(
-    "sigma_dn", [0.05, 0.3, *map(exhaustive, (0.1, 0.59, 0.61)), 1.05, 5.0]
-)
+@pytest.mark.parametrize("sigma_dn", [0.05, 0.3, 0.61, 5.0])
 def test_the_clean_frame_is_that_of_an_enumeration_of_counts_and_codes(
     end: str, sigma_dn: float
 ) -> None:
@@ -103,7 +95,7 @@ def averages(photons: Any, camera: ms.Camera, count: int = FRAMES) -> tuple[Any,
     return total / count, square / count - (total / count) ** 2
 
 
-@pytest.mark.parametrize(("name", "share"), one_in(4, CASES, several=True))
+@pytest.mark.parametrize(("name", "share"), CASES)
 def test_the_average_of_many_frames_is_the_clean_frame(name: str, share: float) -> None:
     """Within 4.5 standard errors in every pixel, 0.3 σ by a lattice; variances within 3 %. One seed in 100 fails."""
     camera = CAMERAS[name]
@@ -127,9 +119,6 @@ EM = ms.load_camera("proem_hs_1024b").replace(
 )
 NOT_STRAIGHT: dict[str, ms.Camera] = {
     "EM gain, converter curve": EM.replace(**{"adc.gamma": 1.04}),
-    "EM gain, ILE": EM.replace(**{"adc.ile": 0.01}),
-    "EM gain, V/V": EM.replace(**{"source_follower.vv_nonlinearity": 1.05}),
-    "EM gain, V/e": EM.replace(**{"readout.ve_nonlinearity": 0.5}),
     "unequal steps": TABLE1.replace(**{"adc.dnl_lsb": {str(k): 0.7 - 1.4 * (k % 2) for k in range(10, 3000)}}),
     "coupled neighbours": TABLE1.replace(**{"readout.ipc_coupling": 0.02}),
     "row noise and radiation hits": TABLE1.replace(**{"readout.row_noise_e": 30.0, "pixel.hits_per_cm2_s": 1e6}),
@@ -152,32 +141,6 @@ def test_a_chain_that_is_not_straight_has_its_mean_by_a_lattice_and_says_so(name
     )  # rows share noise
     assert np.std(off) < 0.15
     assert found.temporal_variance.mean() == pytest.approx(variance.mean(), rel=0.06)
-
-
-@pytest.mark.parametrize("name", ["0.1 DN", "all pixels differ"])
-def test_the_clean_frame_of_a_crop_is_the_crop_of_the_clean_frame(name: str) -> None:
-    camera = CAMERAS[name]
-    photons = 300.0 * np.random.default_rng(1).lognormal(0.0, 0.7, (40, 50))
-    part = np.s_[31:36, 7:48]
-    whole = ms.expose(photons, camera, EXPOSURE)
-    alone = ms.expose(ms.Photons(photons[part], origin=(31, 7)), camera, EXPOSURE)
-    np.testing.assert_allclose(alone.clean, whole.clean[part], rtol=1e-6)
-    np.testing.assert_allclose(
-        alone.temporal_variance, whole.temporal_variance[part], rtol=1e-4
-    )
-
-
-def test_far_from_all_ends_a_straight_camera_is_gain_times_electrons_and_its_offsets() -> None:
-    photons = photons_of(TABLE1, 0.4)
-    maps, found = ms.fpn_maps(TABLE1, SHAPE), ms.expose(photons, TABLE1, EXPOSURE)
-    dark_e = EXPOSURE.time_s * TABLE1.stages[2].model.rate_e_per_s(EXPOSURE.temperature_k)  # type: ignore[attr-defined]
-    electrons = found.detected.mean_e * maps["prnu"] + dark_e * maps["dark_fpn"]
-    gain, black = gain_dn_per_e(TABLE1), TABLE1.stages[-1].black_level_dn  # type: ignore[attr-defined]
-    assert found.clean == pytest.approx(
-        black + gain * (electrons + maps["dsnu_col_e"]), abs=2e-3
-    )
-    own = found.temporal_variance - gain**2 * electrons
-    assert np.ptp(own) < 1e-3 and 0.5 < own.mean() < 2.0
 
 
 @dataclass(frozen=True)

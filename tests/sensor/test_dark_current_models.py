@@ -4,17 +4,10 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any
 
-import numpy as np
 import pytest
-from scipy import stats
 
-import mitsuba_sensor as ms
-from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.dark_current_models import Doubling, FigureOfMerit, band_gap_ev
-from mitsuba_sensor.stages.effects.dark_current import DarkCurrent
-from mitsuba_sensor.stages.fpn_distributions import Gaussian, LogNormal
 
 TABLE1 = FigureOfMerit(fom_na_per_cm2=1.0, area_cm2=(5.7e-4) ** 2)
 
@@ -47,30 +40,3 @@ def test_dark_current_never_falls_when_it_gets_warmer() -> None:
         assert all(b >= a for a, b in itertools.pairwise(rates)) and all(
             map(math.isfinite, rates)
         )
-
-
-def cv_of(pattern: Any) -> float:
-    """Standard deviation over mean: σ of exp(σz) by its definition, and of max(0, 1 + cv·z) by its closed moments."""
-    if isinstance(pattern, LogNormal) or not pattern.cv:
-        return float(pattern.cv)
-    z = 1 / pattern.cv
-    mean = stats.norm.cdf(z) + pattern.cv * stats.norm.pdf(z)
-    square = (1 + pattern.cv**2) * stats.norm.cdf(z) + pattern.cv * stats.norm.pdf(z)
-    return math.sqrt(square / mean**2 - 1)
-
-
-@pytest.mark.parametrize("cv", [0.0, 0.4, 10.0])
-@pytest.mark.parametrize("family", [Gaussian, LogNormal])
-def test_no_pixel_has_a_negative_rate_and_the_mean_stays_however_wide_the_pattern(
-    family: type, cv: float
-) -> None:
-    """250 000 pixels; a log-normal of cv 10 converges slowly: its logarithm is looked at elsewhere (test_draws)."""
-    frame = ms.stages.Frame(ms.Exposure(0.1, 300.0), SensorWindow(2, (500, 500)))
-    dark = (
-        DarkCurrent(TABLE1, family(cv))
-        .sample(ms.stages.Electrons(np.zeros((500, 500))), frame)
-        .dark
-    )
-    assert np.min(dark) >= 0 and np.isfinite(dark).all()
-    tolerance = 5 * cv_of(family(cv)) / 500 + 1e-9
-    assert np.mean(dark) == pytest.approx(202.78665, rel=tolerance + 1e-6)

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-import tifffile
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import Float64Array
@@ -86,31 +83,3 @@ def test_theory_clean_frame_and_budget_are_those_of_a_photodiode() -> None:
             light_of(500, 1500).changed(by_readout=None), plain, EXPOSURE
         ).temporal_variance,
     )
-
-
-def test_fixed_patterns_are_those_of_the_pixel() -> None:
-    """Both photodiodes are read by the same amplifier, and have the PRNU of their pixel."""
-    frames = ms.expose(np.full((32, 32), 8000.0), dual(), EXPOSURE)
-    left, right = (one.clean for one in frames.readouts.values())
-    np.testing.assert_array_equal(left, right)
-
-
-def test_a_crop_and_single_frames_have_the_same_bytes() -> None:
-    camera, light = dual(), light_of(300, 900, (64, 64))
-    whole = ms.expose(light, camera, EXPOSURE, frames=2)
-    second = ms.expose(light, camera, EXPOSURE, first_frame=1)
-    part = ms.expose(light_of(300, 900, (16, 20)), camera, EXPOSURE, frames=2, origin=(8, 4))
-    for name, own in whole.readouts.items():
-        np.testing.assert_array_equal(own.digital[1:], second.readouts[name].digital)
-        np.testing.assert_array_equal(own.digital[:, 8:24, 4:24], part.readouts[name].digital)
-
-
-def test_files_hold_both_photodiodes(tmp_path: Path) -> None:
-    frames = ms.expose(light_of(300, 900, (32, 32)), dual(), EXPOSURE)
-    frames.save(tmp_path)
-    with tifffile.TiffFile(tmp_path / "readouts.tiff") as file:
-        names = [page.tags["PageName"].value for page in file.pages]
-        pages = [page.asarray() for page in file.pages]
-    assert names == ["frame 0, left", "frame 0, right", "frame 0, left and right"]
-    np.testing.assert_array_equal(pages[0], frames.readouts["left"].digital[0])
-    np.testing.assert_array_equal(pages[2], frames.digital[0])

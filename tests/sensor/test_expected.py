@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.amp_glow import AmpGlow
-from helpers.marks import exhaustive, one_in
+from scipy import stats
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.stages.gains import gain_dn_per_e
@@ -69,7 +69,6 @@ def changed(**fields: Any) -> ms.Camera:
     return TABLE1.replace(**{name.replace("__", "."): x for name, x in fields.items()})
 
 
-READ_E = 20.0
 GLOW_E = AmpGlow().rate_e_per_s * 0.1 * np.exp(-np.add.outer(*map(np.arange, SHAPE)) / 40.0)
 FORMS: dict[str, tuple[ms.Camera, float, Callable[[], tuple[float, float, float]]]] = {
     "shot noise": (TABLE1, 3000.0, lambda: (64 + K * 3000, K**2 * 3000 + 1 / 12, 0.0)),
@@ -79,9 +78,9 @@ FORMS: dict[str, tuple[ms.Camera, float, Callable[[], tuple[float, float, float]
         lambda: (64 + K * 1e4, K**2 * 1e4 + 1 / 12, (K * 100) ** 2),
     ),
     "read noise": (
-        changed(source_follower__white_nv_per_rthz=None, source_follower__read_noise_e=READ_E),
+        changed(source_follower__white_nv_per_rthz=None, source_follower__read_noise_e=20.0),
         0.0,
-        lambda: (64.0, (K * READ_E) ** 2 + 1 / 12, 0.0),
+        lambda: (64.0, (K * 20.0) ** 2 + 1 / 12, 0.0),
     ),
     "column offsets": (
         changed(readout__dsnu_col=0.001),
@@ -160,17 +159,15 @@ def test_standard_errors_are_the_spread_of_other_sensor_units() -> None:
 ROWS, COLUMNS = np.mgrid[:48, :64]
 CHECKERED = 10_000.0 + 15_000.0 * ((ROWS // 8 + COLUMNS // 8) % 2)
 STAR = np.where((abs(ROWS - 20) < 2) & (abs(COLUMNS - 30) < 2), 8e5, 0.2 * CHECKERED)
-CROSSTALK = [[0.0, 0.02, 0.0], [0.02, 0.92, 0.02], [0.0, 0.02, 0.0]]
-SCENES: dict[str, tuple[dict[str, Any], np.ndarray]] = {
-    "inter-pixel capacitance": ({"readout.ipc_coupling": 0.02}, CHECKERED),
-    "blooming": ({"pixel.blooming": 1.0}, STAR),
-    "crosstalk": ({"quantum_efficiency.crosstalk": CROSSTALK}, CHECKERED),
-    "image lag": ({"quantum_efficiency.image_lag": 0.1}, CHECKERED),
+SCENES = {
+    "blooming": (
+        ms.load_camera("konnik_table1").replace(**{"pixel.prnu": 0.01, "pixel.blooming": 1.0}),
+        STAR,
+    ),
     "EM gain before a curve": (
-        {"em_gain.gain": 300.0, "adc.gamma": 1.05, "adc.full_scale_v": 8.0},
+        ms.load_camera("proem_hs_1024b").replace(**{"adc.gamma": 1.05}),
         0.01 * CHECKERED,
     ),
-    "a knee": ({"pixel.full_well_knee_e": 1000.0}, 2.5 * CHECKERED),
 }
 CHIPS, FRAMES = 24, 4
 
@@ -187,38 +184,50 @@ def noise_of_units(camera: ms.Camera, scene: np.ndarray) -> tuple[float, float, 
     return float(codes.mean()), float(temporal**0.5), float(max(spatial, 0.0) ** 0.5)
 
 
-def camera_of(values: dict[str, Any]) -> ms.Camera:
-    if "em_gain.gain" in values:
-        base = ms.load_camera("proem_hs_1024b").replace(**{"adc.gamma": 1.05})
-        return base
-    base = ms.load_camera("konnik_table1")
-    return base.replace(**{"pixel.prnu": 0.01, "adc.black_level_dn": 64.0, **values})
-
-
-@pytest.mark.parametrize(
-    "name",
-    ["blooming", "EM gain before a curve", *map(exhaustive, [*SCENES][:1] + [*SCENES][2:4])],
-)
+@pytest.mark.parametrize("name", SCENES)
 def test_the_image_that_a_scene_becomes_is_no_noise(name: str) -> None:
     """σ within 1.5 % or 4 standard errors: that of 24 units is 0.3 % temporal and 0.7 % spatial, in streaks more."""
-    values, scene = SCENES[name]
-    camera = camera_of(values)
-    frames = ms.expose(scene, camera, EXPOSURE)
-    last = frames.report["stages"][-1]
+    camera, scene = SCENES[name]
+    last = ms.expose(scene, camera, EXPOSURE).report["stages"][-1]
     mean, temporal, spatial = noise_of_units(camera, scene)
-    assert last["mean_expected"] == pytest.approx(
-        mean, abs=0.02 * temporal + 4 * last["mean_error"]
-    )
+    assert abs(last["mean_expected"] - mean) < 0.02 * temporal + 4 * last["mean_error"]
     for part, measured in (("temporal", temporal), ("spatial", spatial)):
         error = last[f"sigma_{part}_error"]
         room = max(0.015 * measured, 4 * math.hypot(error, 0.007 * measured))
         assert abs(last[f"sigma_{part}_expected"] - measured) < room + 0.05
-    assert all(
-        math.isfinite(x)
-        for stage in frames.report["stages"]
-        for x in stage.values()
-        if isinstance(x, float)
-    )
+
+
+Z = np.linspace(-8, 8, 2001)
+NORMAL = np.exp(-0.5 * Z**2) / np.exp(-0.5 * Z**2).sum()
+LIGHT_E, SCALE_E, READ_E = 30.0, 20.0, 21.0
+
+
+def by_quadrature(gamma: float, dsnu_e: float) -> tuple[float, float, float]:
+    """Mean, temporal and spatial variance of the codes: counts, read noise, and offsets at 41 places."""
+    counts = np.arange(*np.round(LIGHT_E + np.array([-9, 9]) * np.sqrt(LIGHT_E)).clip(0))
+    chances = stats.poisson.pmf(counts, LIGHT_E)
+    rate, gain = np.log(gamma) / SCALE_E, 4096 / SCALE_E
+    offsets = Z[::50] if dsnu_e else np.zeros(1)
+    weights = np.exp(-0.5 * offsets**2) / np.exp(-0.5 * offsets**2).sum()
+    signal = counts[:, None, None] + dsnu_e * offsets[:, None] + READ_E * Z
+    codes = np.floor(np.clip(gain * signal * np.exp(-rate * signal) + 0.5, 0, 4095))
+    means, squares = (np.tensordot(chances, x @ NORMAL, 1) for x in (codes, codes**2))
+    mean = means @ weights
+    return mean, (squares - means**2) @ weights, (means - mean) ** 2 @ weights
+
+
+@pytest.mark.parametrize(("gamma", "dsnu_e"), [(0.8, 25.0), (1.05, 0.0)])
+def test_noise_wider_than_the_converter_and_its_curve_are_those_of_a_quadrature(
+    gamma: float, dsnu_e: float
+) -> None:
+    """30 e- on a scale of 20 e-, noise of 21 e-: both clips and the curve between them."""
+    camera = changed(
+        pixel__dsnu_e=dsnu_e, source_follower__white_nv_per_rthz=None, source_follower__read_noise_e=READ_E,
+        adc__gamma=gamma, adc__full_scale_v=SCALE_E * 5e-6, adc__black_level_dn=0.0,
+    )  # fmt: skip
+    frames = ms.expose(light_of(LIGHT_E, (64, 64)), camera, EXPOSURE)
+    found = frames.theory.averages(frames.stages[-1])
+    require_within_errors(found, by_quadrature(gamma, dsnu_e))
 
 
 def test_measured_maps_are_spatial_noise_in_a_scene_with_and_without_a_coupling() -> None:
@@ -261,7 +270,7 @@ def test_a_report_has_the_frame_beside_what_is_expected_of_it() -> None:
     json.dumps(report, allow_nan=False)
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 200), *map(exhaustive, [(200, 1), (3, 2)])])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 200), (200, 1)])
 def test_frames_of_any_size_have_finite_figures(shape: tuple[int, int]) -> None:
     frames = ms.expose(light_of(1000.0, shape), ms.load_camera("konnik_table1"), EXPOSURE)
     json.dumps(
@@ -270,7 +279,7 @@ def test_frames_of_any_size_have_finite_figures(shape: tuple[int, int]) -> None:
     ms.plan("konnik_table1", EXPOSURE, np.full(shape, 1000.0), 0.1).explain()
 
 
-@pytest.mark.parametrize("kelvin", one_in(2, [4.0, 77.0, 500.0]))
+@pytest.mark.parametrize("kelvin", [4.0, 500.0])
 @pytest.mark.parametrize("photons", [0.0, 1e300])
 def test_extreme_light_and_temperature_have_finite_figures(
     photons: float, kelvin: float

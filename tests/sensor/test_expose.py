@@ -76,13 +76,6 @@ def test_without_noise_the_frame_is_the_closed_form() -> None:
     np.testing.assert_array_equal(frames.digital, expected)
 
 
-def test_a_camera_without_a_reference_wavelength_asks_for_one() -> None:
-    camera = BAYER.replace(**{"quantum_efficiency.reference_nm": None})
-    with pytest.raises(ms.InputError, match=r"wavelengths_nm=\[.*reference_nm"):
-        ms.expose(LIGHT, camera, EXPOSURE)
-    assert ms.expose(LIGHT, camera, EXPOSURE, wavelengths_nm=530.0).digital.shape == (1, 6, 8)
-
-
 def test_the_report_is_json_with_photons_gain_and_counts() -> None:
     light = np.full((10, 10), 100.0)
     light[0, :4] = 1e6

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.marks import one_in
 from scipy import integrate, stats
 
 from mitsuba_sensor.core import distributions
@@ -38,7 +37,7 @@ FAMILIES = [
     Autoregressive,
     AutoregressiveRectified,
 ]
-CVS = [0.0, 0.01, 0.4, 1.0, 10.0]
+CVS = [0.01, 0.4, 10.0]
 
 INTEGERS = ((np.arange(4000) + 0.5) / 4000 * 2**32).astype(np.uint32)
 SURVIVAL = distributions.survival(INTEGERS)
@@ -59,7 +58,7 @@ def map_of(
     return pattern(family, cv).map_of(SensorWindow(7, shape, origin), "dark_fpn")
 
 
-@pytest.mark.parametrize("cv", CVS[1:])
+@pytest.mark.parametrize("cv", CVS)
 @pytest.mark.parametrize(
     ("family", "law"),
     [
@@ -88,7 +87,7 @@ def test_a_family_is_the_quantile_function_of_its_law(family: Any, law: Any, cv:
     )
 
 
-@pytest.mark.parametrize("cv", CVS[1:])
+@pytest.mark.parametrize("cv", CVS)
 def test_wald_picks_its_two_roots_with_the_chances_of_the_inverse_gaussian(cv: float) -> None:
     """Given z, the small root r comes with chance 1/(1 + r), else 1/r; summed over all z that is scipy's law.
 
@@ -111,7 +110,7 @@ def test_wald_picks_its_two_roots_with_the_chances_of_the_inverse_gaussian(cv: f
         )
 
 
-@pytest.mark.parametrize("origin", one_in(2, [(0, 0), (37, 90), (500, 505)]), ids=str)
+@pytest.mark.parametrize("origin", [(37, 90), (500, 505)], ids=str)
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda f: f.__name__)
 def test_the_map_of_a_crop_is_the_crop_of_the_map(family: Any, origin: tuple[int, int]) -> None:
     """Bit for bit, also across the edges of the blocks that an AR map is made in (512)."""

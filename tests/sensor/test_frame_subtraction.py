@@ -67,20 +67,6 @@ def test_frames_of_another_chip_are_refused_with_both_named_for_their_patterns_d
         frames.minus(reference)
 
 
-@pytest.mark.exhaustive
-def test_what_the_sensor_does_not_show_makes_no_other_camera() -> None:
-    """A reference under another lens is of the same chip; so is one whose chain a plan shortened."""
-    frames = ms.expose(DARKNESS, SILENT, ZERO)
-    capped = ms.expose(DARKNESS, SILENT.replace(**{"lens.f_number": 22.0}), ZERO, seed=2)
-    assert not frames.minus(capped).any()
-    short = ms.plan(SILENT, ZERO, ms.Photons(DARKNESS), tolerance_dn=0.5)
-    assert frames.minus(ms.expose(DARKNESS, SILENT, ZERO, plan=short, seed=2)).shape == (
-        1,
-        200,
-        200,
-    )
-
-
 def test_what_is_left_of_two_equal_frames_is_temporal_noise_times_the_root_of_two() -> None:
     """40 000 pixels: 5 standard errors of σ are 1.8 %; a tenth of the fixed pattern left would be 100 %."""
     frames, reference = (ms.expose(DARKNESS, STRIPES, ZERO, seed=seed) for seed in (1, 2))
@@ -89,18 +75,6 @@ def test_what_is_left_of_two_equal_frames_is_temporal_noise_times_the_root_of_tw
     assert temporal > 10, "rounding must not be what is looked at"
     assert left.std() == pytest.approx(math.sqrt(2) * temporal, rel=0.018)
     assert left.mean() == pytest.approx(0.0, abs=5 * math.sqrt(2) * temporal / 200)
-
-
-def test_a_bright_frame_keeps_its_signal_and_its_own_noise() -> None:
-    """Signal: K·QE·photons; variance: that of the frame and that of the reference."""
-    camera = STRIPES.replace(**{"pixel.prnu": 0.0})
-    light = ms.expose(np.full((200, 200), 10_000.0), camera, ZERO, seed=1)
-    reference = ms.expose(DARKNESS, camera, ZERO, seed=2)
-    lines = [frames.report["stages"][-1] for frames in (light, reference)]
-    sigma = math.hypot(*(line["sigma_temporal_expected"] for line in lines))
-    left = light.minus(reference)[0]
-    assert left.mean() == pytest.approx(6000 * light.report["K_dn_per_e"], abs=5 * sigma / 200)
-    assert left.std() == pytest.approx(sigma, rel=0.018)
 
 
 def test_one_reference_serves_a_stack_and_a_stack_is_taken_in_pairs() -> None:

@@ -99,22 +99,6 @@ def test_fixed_patterns_are_the_same_at_every_setting_and_offsets_of_columns_kee
             np.testing.assert_allclose(maps[name] * volts, base[name], rtol=1e-6)
 
 
-def test_two_settings_share_no_temporal_noise_and_the_way_to_a_setting_does_not_count() -> None:
-    """|ρ| < 5/√n; 400 and "hcg 400" have the same gain, so that shared noise would be a correlation of 1."""
-    light = np.full((256, 256), 500.0)
-    frames = {setting: ms.expose(light, EVEN, DARK, gain=setting) for setting in SETTINGS}
-    codes = [one.digital.ravel() for one in frames.values()]
-    codes.append(ms.expose(light, EVEN, DARK).digital.ravel())
-    for k, one in enumerate(codes):
-        for other in codes[:k]:
-            assert abs(np.corrcoef(one, other)[0, 1]) < 5 / 256
-    around = ms.expose(light, EVEN.at_gain(100).at_gain("hcg 400"), DARK, gain=400.0)
-    np.testing.assert_array_equal(around.digital, frames[400].digital)
-    assert around.first.key == frames[400].first.key != frames[100].first.key
-    with pytest.raises(ms.InputError, match="the datasheet differs"):
-        frames[400].minus(frames[100])
-
-
 @pytest.mark.parametrize("engine", ["numpy", "drjit"])
 def test_every_way_to_ask_for_a_setting_is_the_same_frame(engine: str) -> None:
     light, at = np.full((12, 16), 800.0), CAMERA.at_gain("hcg 400")

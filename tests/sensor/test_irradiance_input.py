@@ -86,23 +86,3 @@ def test_a_cube_is_counted_band_by_band() -> None:
     np.testing.assert_allclose(given.mean, photons.mean * np.array(widths) / 50, rtol=1e-12)
     same = ms.collect(cube, BAYER, EXPOSURE, wavelengths_nm=centres, bandwidths_nm=20.0)
     np.testing.assert_allclose(same.mean, photons.mean * 20 / 50, rtol=1e-12)
-
-
-def test_the_test_lights_are_what_they_are_called() -> None:
-    flat = ms.uniform_light(0.01, (3, 5))
-    assert flat.shape == (3, 5) and (flat == 0.01).all()
-    ramp = ms.gradient_light(0.001, 0.009, (3, 5))
-    np.testing.assert_allclose(ramp, [[0.001, 0.003, 0.005, 0.007, 0.009]] * 3, rtol=1e-12)
-    ramp[0, 0] = 7.0
-    assert ramp[1, 0] == 0.001
-    assert ms.gradient_light(0.009, 0.001, (1, 2))[0, 0] == 0.009
-
-
-def test_infinite_light_saturates_and_no_time_collects_none_of_it() -> None:
-    light = np.array([[np.inf, 0.001]])
-    assert np.isinf(ms.collect(light, TABLE1, EXPOSURE).total[0, 0])
-    assert (
-        ms.expose(ms.collect(light, TABLE1, EXPOSURE), TABLE1, EXPOSURE).digital[0, 0, 0]
-        == 4095
-    )
-    np.testing.assert_array_equal(ms.collect(light, TABLE1, ms.Exposure(0.0)).mean, 0.0)

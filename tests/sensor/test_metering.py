@@ -46,12 +46,6 @@ def test_the_percentile_of_the_pixels_stands_at_the_share_of_saturation(
     assert float(f"{exposure.time_s:.3g}") == exposure.time_s
 
 
-def test_dark_pixels_and_infinite_ones_do_not_count(light: Any) -> None:
-    data = np.concatenate([light.data, 0 * light.data, np.full_like(light.data, np.inf)])
-    whole = metered(replace(light, data=data), CAMERA, ms.Metering())
-    assert whole == metered(light, CAMERA, ms.Metering())
-
-
 def test_dark_current_fills_the_well_too(light: Any) -> None:
     """At 400 K, in light a million times weaker: what light and dark current make together is at the share."""
     dim, hot = (

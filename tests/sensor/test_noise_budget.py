@@ -10,10 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.marks import one_in
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.stages.gains import gain_dn_per_e
 from mitsuba_sensor.theory.noise_budget import Contribution, NoiseBudget
 
 TABLE1 = ms.load_camera("konnik_table1").replace(
@@ -32,14 +30,9 @@ CURVED = {
 }
 STEPS = {"adc.bits": 8, "adc.black_level_dn": 20.0, "adc.dnl_lsb": {"60": -1.0}}
 CAMERAS = {
-    "table 1": TABLE1,
-    "everything": TABLE1.replace(**RICH),
+    "everything": TABLE1.replace(**RICH | STEPS),
     "non-linear": TABLE1.replace(**RICH | CURVED),
-    "quantum yield": TABLE1.replace(**RICH | {"quantum_efficiency.quantum_yield": [1.5, 1.5]}),
-    "steps": TABLE1.replace(**RICH | STEPS),
-    "ccd": ms.load_camera("eev_44_82"),
     "EM gain": ms.load_camera("proem_hs_1024b"),
-    "coupled": TABLE1.replace(**{"readout.ipc_coupling": 0.02}),
 }
 
 
@@ -56,7 +49,7 @@ def require_close(found: float, error: float, expected: float) -> None:
     assert abs(found - expected) <= max(4 * error, 0.02 * expected), (found, error, expected)
 
 
-@pytest.mark.parametrize("name", one_in(4, CAMERAS))
+@pytest.mark.parametrize("name", CAMERAS)
 def test_rows_add_up_to_the_variances_of_the_frames(name: str) -> None:
     """With what the sources do together in a row of its own; without it they add up within 4 standard errors."""
     frames = frames_of(CAMERAS[name], 50.0 if name == "EM gain" else 20_000.0)
@@ -71,52 +64,8 @@ def test_rows_add_up_to_the_variances_of_the_frames(name: str) -> None:
         left = getattr(total, f"{part}_dn2") - sum(getattr(row, f"{part}_dn2") for row in rows)
         errors = [getattr(row, f"{part}_error_dn2") for row in (*rows, total)]
         assert abs(left) <= 4 * math.hypot(*errors) + 1e-6
-    mixing = (
-        "EM gain",
-        "coupled",
-        "non-linear",
-        "quantum yield",
-    )  # their variances do not add up
-    assert (together is not None) == (name in mixing)
+    assert (together is not None) == (name != "everything")  # variances of the others mix
     assert all(math.isfinite(x) for row in budget.rows for x in row[1:])
-
-
-def test_random_sources_are_as_strong_as_they_must_be() -> None:
-    """Closed forms written out here; a mean within 1e-3, and the σ of what a source changes within 2 %."""
-    camera = TABLE1.replace(
-        **{
-            "adc.bits": 14,
-            "adc.black_level_dn": 800.0,
-            "pixel.prnu": 0.01,
-            "readout.dsnu_col": 0.0,
-        }
-    )
-    frames = frames_of(camera)
-    budget, k = frames.noise_budget(), gain_dn_per_e(camera)
-    books = entries(budget)
-    light, dark = 12_000.0, 174.158
-    expected = {
-        "photon shot noise": math.sqrt(light),
-        "dark shot noise": math.sqrt(dark),
-        "reset noise": math.sqrt(0.5 * 1.380649e-23 * 298.15 * 1.602176634e-19 / 5e-6)
-        / 1.602176634e-19,
-        "source follower noise": 6.105069,
-        "ADC": math.sqrt(1 / 12) / k,
-    }
-    for name, electrons in expected.items():
-        one = books[name]
-        require_close(one.temporal_dn2, one.temporal_error_dn2, (k * electrons) ** 2)
-        assert abs(one.spatial_dn2) < 4 * one.spatial_error_dn2 + 1e-9
-    one = books["PRNU"]
-    require_close(one.spatial_dn2, one.spatial_error_dn2, (k * 0.01 * light) ** 2)
-    assert one.temporal_dn2 == 0  # its shot noise is shot noise
-    assert books["quantum efficiency"].mean_dn == pytest.approx(k * light, rel=1e-5)
-    assert books["dark current"].mean_dn == pytest.approx(k * dark, rel=1e-3)
-    assert books["ADC"].mean_dn == pytest.approx(800.0, abs=0.01)
-    for name, sigma_e in (("PRNU", 0.01 * light), ("source follower noise", 6.105069)):
-        assert budget.change_of(name).shape == SHAPE
-        assert budget.change_of(name).std() == pytest.approx(k * sigma_e, rel=0.02)
-        assert books[name].rms_dn == pytest.approx(k * sigma_e, rel=0.02)
 
 
 def test_a_source_that_is_switched_off_is_without_effect_and_the_others_stay() -> None:

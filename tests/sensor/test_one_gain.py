@@ -40,16 +40,6 @@ def changed(**tables: dict[str, Any]) -> dict[str, Any]:
     return TABLES | tables
 
 
-def test_k_is_the_gain_of_the_frames() -> None:
-    camera = ms.load_camera(TABLES)
-    assert camera.system_gain_dn_per_e == 0.1225
-    light = np.array([[2000.0, 12000.0]])
-    exposure = ms.Exposure(0.0)
-    codes = ms.expose(light / 0.77, camera.without("shot_noise"), exposure)
-    step_dn = float(np.diff(codes.digital[0].astype(float))[0, 0])
-    assert step_dn == pytest.approx(1225, abs=6 * 6.83 * 0.1225 * 2**0.5)
-
-
 @pytest.mark.parametrize("sense_uv", [5.0, 50.0, 120.0])
 def test_k_alone_makes_the_frames_that_volts_make(sense_uv: float) -> None:
     """V_FS = A_SN·2^bits/K, whatever A_SN is."""

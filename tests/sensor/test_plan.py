@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers import EACH_KIND
-from helpers.marks import exhaustive, one_in
-from helpers.shipped import ONE_READOUT
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.theory.plan_trial import Effect
@@ -32,8 +29,8 @@ def effects_of(plan: ms.Plan) -> dict[str, Effect]:
 # -- what is left out --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", one_in(2, EACH_KIND))
-@pytest.mark.parametrize("light", one_in(2, [0.0, 1e3, 1e5]))
+@pytest.mark.parametrize("name", EACH_KIND[:2])
+@pytest.mark.parametrize("light", [0.0, 1e5])
 def test_without_tolerance_the_planned_frame_is_the_whole_frame_bit_for_bit(
     name: str, light: float
 ) -> None:
@@ -48,8 +45,7 @@ def test_without_tolerance_the_planned_frame_is_the_whole_frame_bit_for_bit(
 
 
 @pytest.mark.parametrize(
-    ("name", "tolerance"),
-    one_in(8, itertools.product(EACH_KIND, (0.02, 0.5, 50.0)), several=True),
+    ("name", "tolerance"), [("konnik_table1", 0.02), ("bayer_2mp", 0.5), ("eev_44_82", 50.0)]
 )
 def test_all_that_is_left_out_together_moves_no_pixel_by_more_than_the_tolerance(
     name: str, tolerance: float
@@ -68,59 +64,6 @@ def test_all_that_is_left_out_together_moves_no_pixel_by_more_than_the_tolerance
         beyond += int((moved > tolerance + 1).sum())
     assert beyond <= 3
     assert not plan.left_out or abs((whole.digital - 1.0 * rest.digital).mean()) < 2 * tolerance
-
-
-FRAMES, SIZE = 24, 96
-
-
-def random_pair(number: int) -> tuple[ms.Camera, ms.Exposure, ms.Photons]:
-    """A shipped camera with some of its numbers thrown anew, and a ramp, a flat field or a starry night, from darkness
-    to beyond saturation."""
-    chance = np.random.default_rng(number)
-    camera = ms.load_camera(str(chance.choice(ONE_READOUT)))
-    changes: dict[str, Any] = {
-        "pixel.prnu": float(chance.choice([0.0, 1e-6, 1e-4, 5e-3, 2e-2])),
-        "dark_current.cv": float(chance.choice([0.0, 0.01, 0.4])),
-        "source_follower.vv_nonlinearity": float(chance.choice([1.0, 1.0 + 1e-9, 1.05])),
-    }
-    if camera.sensor.technology == "cmos":
-        changes |= {
-            "readout.reset": str(chance.choice(["hard", "soft", "true_cds"])),
-            "readout.dsnu_col": float(chance.choice([0.0, 1e-7, 1e-3])),
-            "readout.prnu_col": float(chance.choice([0.0, 1e-7, 2e-3])),
-            "pixel.dsnu_e": float(chance.choice([0.0, 1e-3, 3.0])),
-        }
-    camera = camera.replace(**changes)
-    exposure = ms.Exposure(float(10 ** chance.uniform(-4, 0)), float(chance.uniform(250, 320)))
-    top = camera.pixel.full_well_e * 10 ** chance.uniform(-4, 0.3)
-    scene = [
-        np.tile(np.linspace(0, top, SIZE), (SIZE, 1)),
-        np.full((SIZE, SIZE), top),
-        np.where(chance.random((SIZE, SIZE)) < 0.01, top, 0.0),
-    ][number % 3]
-    return camera, exposure, ms.Photons(scene)
-
-
-@pytest.mark.parametrize("number", one_in(4, range(12)))
-def test_statistics_of_planned_frames_differ_by_no_more_than_the_tolerance(number: int) -> None:
-    """Same seeds, so most of the noise is common. What is not is bounded by the tolerance and the sampling error, 5 σ
-    everywhere: a false alarm in 1e4 runs of the file."""
-    camera, exposure, photons = random_pair(number)
-    tolerance = 0.05
-    plan = ms.plan(camera, exposure, photons, tolerance_dn=tolerance)
-    whole, planned = (
-        ms.expose(photons, camera, exposure, frames=FRAMES, plan=one).digital.astype(np.float64)
-        for one in (None, plan)
-    )
-    error = 5 * (whole - planned).std() / np.sqrt(SIZE)
-
-    def statistics(codes: Any) -> tuple[float, float, float]:
-        temporal = codes.var(axis=0, ddof=1).mean()
-        fixed = max(codes.mean(axis=0).var() - temporal / FRAMES, 0.0)
-        return codes.mean(), np.sqrt(temporal), np.sqrt(fixed)
-
-    for a, b in zip(statistics(whole), statistics(planned), strict=True):
-        assert abs(a - b) <= tolerance + error, plan.explain()
 
 
 def test_two_noises_that_may_each_go_may_not_both_go() -> None:
@@ -234,18 +177,6 @@ class Glow(ms.Stage):
         glow_e = self.glow_e(*np.ix_(frame.window.rows, frame.window.columns))
         glow = frame.window.backend.from_numpy(glow_e, frame.window)
         return replace(electrons, dark=electrons.dark + glow)
-
-
-@pytest.mark.parametrize("photons", [1.0, exhaustive(1000.0)])
-@pytest.mark.parametrize("corner", one_in(2, [(95, 127), (40, 70), (0, 127)]))
-def test_a_glow_is_kept_wherever_it_is(corner: tuple[int, int], photons: float) -> None:
-    """0.12 DN/e-, a little less than the gain of this camera."""
-    glow, shape = Glow(2000.0, *corner), (96, 128)
-    camera = CAMERA.with_stage(glow, after="dark_current")
-    effect = effects_of(ms.plan(camera, EXPOSURE, np.full(shape, photons), 0.2))["glow"]
-    glow_dn = 0.12 * glow.glow_e(*np.mgrid[: shape[0], : shape[1]])
-    assert effect.kept and effect.mean_dn > glow_dn.mean() * 0.9
-    assert effect.pixels_beyond > 0.9 * (glow_dn > 1).sum()
 
 
 @pytest.mark.parametrize(

@@ -82,18 +82,6 @@ def test_the_combination_hands_over_where_the_code_reaches_the_threshold() -> No
     assert 0.1 < (high >= threshold).mean() < 0.9
 
 
-def test_blended_codes_are_averages_with_weights_linear_in_the_code() -> None:
-    camera = dual_gain(**{"combine.blend_from": [0.4], "combine.hand_over": [0.8]})
-    light = ms.Photons(np.tile(np.geomspace(500, 4_000, 400), (64, 1)), detected=True)
-    frames = ms.expose(light, camera, SHORT, precision="float64")
-    high, low = (one.digital[0].astype(float) for one in frames.readouts.values())
-    begin, end = round(64 + 0.4 * 4031), round(64 + 0.8 * 4031)
-    weight = np.clip((high - begin) / (end - begin), 0, 1)
-    expected_e = (1 - weight) * (high - 64) / 1.6 + weight * (low - 64) / 0.12
-    assert np.abs(frames.digital[0] - (64 + 1.6 * expected_e)).max() <= 0.5 + 1e-6
-    assert (np.unique(weight).size) > 100
-
-
 @pytest.mark.parametrize("combine", [{}, {"combine.blend_from": [0.5]}])
 def test_mean_and_noise_of_the_combination_follow_the_closed_form(
     combine: dict[str, Any],
@@ -114,20 +102,6 @@ def test_mean_and_noise_of_the_combination_follow_the_closed_form(
     assert (
         np.abs(ratio_db).max() < 0.25
     )  # five standard errors of 20 000 pixels, of laws that are not normal
-
-
-@pytest.mark.parametrize("gain", [1.6, 0.7, 0.05])
-def test_a_saturated_converter_has_one_linear_code(gain: float) -> None:
-    """The converter of the last read-out ends before its well: no noise, and the mean is that code."""
-    low = {**LOW, "readout.gain_dn_per_e": 0.4}
-    readouts = [{"name": "high", "fields": HIGH}, {"name": "low", "fields": low}]
-    camera = PLAIN.replace(readouts=readouts, **{"combine.gain_dn_per_e": gain})
-    frames = ms.expose(electrons(28_000.0, (64, 64)), camera, SHORT, frames=2)
-    assert np.unique(frames.digital).size == 1
-    assert frames.temporal_variance.max() < 1e-6
-    np.testing.assert_allclose(frames.clean, frames.digital[0], rtol=1e-6)
-    averages = frames.theory.averages(frames.stages[-1])
-    assert averages.temporal == pytest.approx(0, abs=1e-6)
 
 
 @pytest.mark.parametrize("level_e", [400.0, 900.0])

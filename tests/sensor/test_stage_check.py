@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.amp_glow import AmpGlow
-from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 
@@ -99,12 +98,9 @@ def check(stage: ms.Stage, after: str = "reset_noise", **stated: Any) -> Any:
     return ms.check_stage(stage, camera=TABLE1, after=after, **stated)
 
 
-@pytest.mark.parametrize(
-    "draw", [exhaustive("normal"), "row_normal", exhaustive("column_normal")]
-)
-def test_a_fifth_of_a_noise_is_found(draw: str) -> None:
+def test_a_fifth_of_a_noise_is_found() -> None:
     with pytest.raises(ms.InputError, match=r"temporal σ .* V .*0\.0012 is stated"):
-        check(Hum(draw), temporal=1.2e-3)
+        check(Hum("row_normal"), temporal=1.2e-3)
 
 
 @pytest.mark.parametrize(

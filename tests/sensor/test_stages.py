@@ -77,27 +77,19 @@ NEUTRAL: dict[str, dict[str, Any]] = {
         "pixel.dsnu_e": 0.0,
         "readout.prnu_col": 0.0,
     },
-    "residual": {"readout.dsnu_residual": 1.0, "readout.ktc_residual": 0.0},
     "components": {
         "dark_current.components": [
             {"weight": 0.0, "family": "uniform", "low": 5, "high": 6, "unit": "e"}
         ]
     },
-    "no RTS pixels": {
-        "dark_current.rts_fraction": 0.0,
-        "dark_current.rts_amplitude_e_per_s": 500.0,
-    },
     "RTS of no amplitude": {
         "dark_current.rts_fraction": 0.5,
         "dark_current.rts_amplitude_e_per_s": 0.0,
     },
-    "uncoupled": {"pixel.prnu_coupling": 0.0, "pixel.dsnu_coupling": 0.0},
-    "mpp without diffusion": {"dark_current.diffusion_fom_na_per_cm2": 0.0},
     "yield of one": {
         "quantum_efficiency.quantum_yield": [1.0, 1.0],
         "quantum_efficiency.fano_factor": 0.5,
     },
-    "no telegraph": {"source_follower.rtn_uv": 0.0, "source_follower.rtn_s": 1e-3},
 }
 
 

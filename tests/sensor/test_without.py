@@ -6,13 +6,12 @@ import functools
 
 import numpy as np
 import pytest
-from helpers.marks import one_in
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.datasheet_checks import noise_sources
 from mitsuba_sensor.core.sensor_window import SensorWindow
-from mitsuba_sensor.stages.chain import ORDER, chain
+from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 EXPOSURE = ms.Exposure(0.1)
@@ -83,32 +82,6 @@ def test_the_maps_of_all_other_sources_are_the_same_bits(name: str) -> None:
     assert whole.keys() - rest.keys() == own.fpn_maps(SensorWindow(1, (2, 2))).keys()
     for key, values in rest.items():
         np.testing.assert_array_equal(values, whole[key])
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize(
-    "name", one_in(3, ["prnu", "dark_current", "shot_noise", "reset_noise", "dsnu_column"])
-)
-def test_theory_clean_frame_plan_and_budget_are_those_of_the_frames(name: str) -> None:
-    """Of 64 sensors and 2 frames. The mean lies within 5 standard errors of the theory (5e-7 by chance), with that of
-    the sensors' own spread; the temporal variance within 6 % of the clean frame's (5 of 16 000 numbers: 5.5 %)."""
-    camera, light = EVERY.without(name), np.full((16, 16), 2e4)
-    frames = [
-        ms.expose(light, camera, EXPOSURE, frames=2, serial=serial, seed=serial)
-        for serial in range(64)
-    ]
-    means = np.array([one.digital.mean() for one in frames])
-    expected = frames[0].theory.averages(frames[0].stages[-1])
-    assert abs(means.mean() - expected.mean) < 5 * means.std(ddof=1) / 8
-    pairs = np.array([one.digital[1] - one.digital[0].astype(float) for one in frames])
-    temporal = np.mean([one.temporal_variance for one in frames[:4]])
-    assert np.mean(pairs**2) / 2 == pytest.approx(temporal, rel=0.06)
-    assert expected.temporal == pytest.approx(temporal, rel=0.03)
-    plan = ms.plan(camera, EXPOSURE, light)
-    label = next(effect.label for effect in ORDER if effect.key() == name)
-    assert label not in [one.stage for one in plan.effects]
-    budget = frames[1].noise_budget()
-    assert label not in [one.source for one in budget.entries]
 
 
 def test_without_any_noise_the_code_is_the_rounded_mean_and_so_is_the_theory() -> None:

@@ -27,14 +27,14 @@ from .rtn_pixels import rtn_noise_e
 from .source_follower_noise import read_noise_v
 
 HALVES_END = 2**23
-"""From here on float32 has no halves: x + ½ is a tie there, and goes to the even neighbour."""
+"""From here on float32 has no halves, and x + ½ would round to even."""
 
-LEAST_FILLED, MOST_FILLED = 0.05, 100.0
-"""Share of the code range that a full well fills: beyond, a gain is probably in another unit. 100 is a gain of 40 dB; a
-camera that says at which of its gain settings it is, is compared with that setting instead."""
+FILLED_MIN, FILLED_MAX = 0.05, 100.0
+"""Full well over code range; beyond these, a gain is probably in another unit. 100 is a gain of 40 dB. Cameras at a
+gain setting have no maximum."""
 
 BLACK_LEVEL_AT = Exposure(time_s=0.0, temperature_k=298.15)
-"""The default black level holds the noise of this exposure."""
+"""The exposure whose noise determines the default black level."""
 
 
 class AdcFields(FileTable):
@@ -44,7 +44,7 @@ class AdcFields(FileTable):
         description="resolution [bit]", examples=[12]
     )
     full_scale_v: Annotated[Positive | None, Usual.of(1e-3, 30, MV_TO_V)] = optional(
-        "swing of the whole code range V_FS [V]; default: that of a full well, with its non-linearities",
+        "swing of the whole code range V_FS [V]; default: the swing of a full well, with its non-linearities",
         0.165,
         title="full scale V_FS",
     )
@@ -56,7 +56,7 @@ class AdcFields(FileTable):
     dnl_lsb: dict[str, Annotated[float, Field(ge=-1, strict=True)]] = Field(
         default_factory=dict,
         title="differential non-linearity DNL, missing codes",
-        description="code → its step's width less one [LSB]; -1 is a missing code",
+        description="code → width of its step minus one [LSB]; -1 is a missing code",
         examples=[{"7": -1.0}],
     )
 
@@ -75,29 +75,29 @@ class AdcFields(FileTable):
         highest, black_dn = 2**self.bits - 1, self.black_level_dn or 0.0
         if black_dn > highest:
             raise ValueError(
-                f"black_level_dn is {black_dn:g}, and the codes of {self.bits} bits end at {highest}; take a lower "
-                "one, or more bits"
+                f"black_level_dn is {black_dn:g}, but the codes of {self.bits} bits end at {highest}; use a lower "
+                "black level or more bits"
             )
         return self
 
     @classmethod
     def notes_of(cls, camera: Datasheet) -> tuple[str, ...]:
-        """Where darkness or a full well lies far from where the codes are."""
+        """Notes if the black level is high, or a full well fills little or much of the code range."""
         bits, black_dn = camera.adc.bits, camera.adc.black_level_dn or 0.0
         highest, filled = 2**bits - 1, full_well_swing_v(camera) / full_scale_v(camera)
         found = []
         if black_dn > highest / 2:
             left = f"leaves {highest - black_dn:.6g} of {highest} codes for light"
             found.append(
-                f"adc.black_level_dn is {black_dn:.6g}, and {left}; take a lower one, or more adc.bits"
+                f"adc.black_level_dn is {black_dn:.6g}, which {left}; use a lower one, or more adc.bits"
             )
-        most = MOST_FILLED
+        most = FILLED_MAX
         if camera.gain is not None:
             most = math.inf
-        if not LEAST_FILLED <= filled <= most:
+        if not FILLED_MIN <= filled <= most:
             found.append(
-                f"adc.full_scale_v is {full_scale_v(camera):.4g}, and a full well fills {filled:.3g} of it; if the "
-                f"highest code is a full well, leave it out, or write {full_well_swing_v(camera):.4g}"
+                f"adc.full_scale_v is {full_scale_v(camera):.4g}; a full well fills {filled:.3g} of it; if the "
+                f"highest code is a full well, omit it, or write {full_well_swing_v(camera):.4g}"
             )
         return tuple(map(Doubt, found))
 
@@ -120,7 +120,7 @@ class Adc(Converter):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> Converter:
-        """With steps of unequal width where the datasheet has a DNL table."""
+        """Return the converter, with steps of unequal width if the datasheet has a DNL table."""
         plain = (
             camera.adc.bits,
             adc_gain_dn_per_v(camera),
@@ -134,7 +134,7 @@ class Adc(Converter):
         return AdcWithDnl(*plain, dnl_lsb=tuple(table))
 
     def sample(self, swing: Array, frame: Frame) -> Array:
-        """Swing [V] → whole digital numbers (H, W), rounded half up."""
+        """Return whole digital numbers (H, W), rounded half up."""
         ideal, highest = self.ideal(swing, frame), frame.number(self.highest)
         return arrays.minimum(arrays.maximum(self._rounded(ideal), 0.0), highest)
 
@@ -149,7 +149,7 @@ class Adc(Converter):
         return int(2**self.bits - 1)
 
     def _rounded(self, ideal: Array) -> Array:
-        """The nearest whole number, half up."""
+        """Return the nearest whole number, half up."""
         if self.highest < HALVES_END:
             return arrays.floor(ideal + 0.5)
         below = arrays.floor(ideal)
@@ -160,14 +160,14 @@ class Adc(Converter):
 class AdcWithDnl(Adc):
     """Steps of unequal width: transition levels T_k = (k − ½ + INL_k)·LSB, INL the running sum of the DNL.
 
-    dnl_lsb : (2^bits,) width of every code less one [LSB], ≥ −1; −1 is a missing code, which never appears.
+    dnl_lsb : (2^bits,) width of every code minus one [LSB], ≥ −1; −1 is a missing code.
     """
 
     dnl_lsb: tuple[float, ...] = ()
     label = "ADC"
 
     def sample(self, swing: Array, frame: Frame) -> Array:
-        """Swing [V] → the code whose step contains it (H, W)."""
+        """Return the code whose step contains the swing, (H, W)."""
         return arrays.count_at_or_below(self._transitions, self.ideal(swing, frame))
 
     @property
@@ -187,9 +187,7 @@ class AdcWithDnl(Adc):
 
 
 def default_black_level_dn(camera: Datasheet) -> float:
-    """As given, else 4σ of a zero exposure by the numbers of the datasheet, rounded up, but never above 1/8 of the
-    range [DN]. σ is that of all noise and offsets of the amplifiers.
-    """
+    """Return the black level as given, else 4σ of all noise and offsets in zero exposure, at most 1/8 of the range."""
     if camera.adc.black_level_dn is not None:
         return float(camera.adc.black_level_dn)
     readout, pixel = camera.readout, camera.pixel

@@ -1,7 +1,7 @@
-"""Blooming: charge that a full pixel cannot hold flows along its column into the wells beside it.
+"""Blooming: charge that a full pixel cannot hold flows along its column into its neighbours.
 
 Janesick, Scientific CCDs (2001), section 4.2.4: the channel stops hold charge in its column; an
-antiblooming drain takes a share of it away.
+antiblooming drain removes a fraction of it.
 """
 
 from __future__ import annotations
@@ -18,15 +18,14 @@ from ..datasheet import Chance, FileTable, optional
 from ..stage import Datasheet, Stage
 
 WHOLE_COLUMN_PX = 10**6
-"""Rows of the highest sensor."""
+"""Most rows of a sensor."""
 
 
 class BloomingFields(FileTable):
-    """What becomes of charge above the full well."""
+    """Charge above the full well."""
 
     blooming: Chance = optional(
-        "share of the charge above full_well_e that flows along the column; an antiblooming drain takes "
-        "the rest",
+        "fraction of the charge above full_well_e that flows along the column; an antiblooming drain removes the rest",
         1.0,
         0.0,
         title="blooming, antiblooming",
@@ -37,23 +36,23 @@ class BloomingFields(FileTable):
         knee_e = getattr(self, "full_well_knee_e", 0.0)
         if self.blooming and knee_e:
             raise ValueError(
-                f"blooming is {self.blooming:g} and full_well_knee_e is {knee_e:g}; set one of them to 0: charge of a "
-                "well with a knee goes to the drain before it can flow along the column"
+                f"blooming is {self.blooming:g} and full_well_knee_e is {knee_e:g}; set one of them to 0: with a knee, "
+                "charge goes to the drain before it can flow along the column"
             )
         return self
 
 
 @dataclass(frozen=True)
 class Blooming(Stage):
-    """Charge above the full well flows in halves up and down its column, until wells that are not full have taken it.
+    """Half of the charge above the full well flows up its column, half down, until wells that are not full collect it.
 
-    Nothing is random. Full wells let charge through; what reaches the first or last row of the window is lost there.
+    Nothing is random. Full wells pass charge on; what reaches the first or last row of the window is lost.
 
-    full_well_e : what a pixel holds [e-].  share : of the charge above that which flows; the rest is drained.
+    full_well_e : what a pixel holds [e-].  fraction : of the charge above that flows; the rest is drained.
     """
 
     full_well_e: float
-    share: float
+    fraction: float
     domain = "electrons"
     table = "pixel"
     fields = BloomingFields
@@ -62,7 +61,7 @@ class Blooming(Stage):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> Blooming | None:
-        """None for a camera that drains all of it."""
+        """Return None for a camera that drains all of it."""
         if not camera.pixel.blooming:
             return None
         return cls(camera.pixel.full_well_e, camera.pixel.blooming)
@@ -78,7 +77,7 @@ class Blooming(Stage):
         return 0
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """Electrons once no well holds more than it can; what has flown counts as photoelectrons."""
+        """Return the electrons after the flow; charge that flowed counts as photoelectrons."""
         backend, window = frame.window.backend, frame.window
 
         def flown(count: Array) -> Array:
@@ -94,18 +93,18 @@ class Blooming(Stage):
         return electrons.changed(flown, parts)
 
     def _flown(self, count: NumpyArray) -> NumpyArray:
-        """Charge of every pixel, (H, W) float64, on NumPy."""
+        """Return the charge of every pixel, (H, W) float64, on NumPy."""
         wells = np.minimum(count, self.full_well_e).astype(np.float64)
-        above = np.floor(self.share * (count.astype(np.float64) - wells))
+        above = np.floor(self.fraction * (count.astype(np.float64) - wells))
         downwards = np.floor(above / 2)
         self._fill(wells, downwards)
         self._fill(wells[::-1], (above - downwards)[::-1])
         return wells
 
     def _fill(self, wells: NumpyArray, above: NumpyArray) -> None:
-        """Let charge flow from the first row to the last, into wells that are not full.
+        """Add the flow from the first row to the last to wells that are not full.
 
-        wells, above : charge of every pixel, and what leaves it in this direction, (H, W).
+        wells, above : charge of every pixel, and the charge that leaves it in this direction, (H, W).
         """
         flowing = np.zeros(wells.shape[1])
         for well, own in zip(wells, above, strict=True):

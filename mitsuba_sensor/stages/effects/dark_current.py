@@ -45,7 +45,7 @@ NOTED = 0.01
 
 
 class DarkCurrentFields(FileTable):
-    """Electrons that come without light: a figure of merit at 300 K, or a measured rate."""
+    """Dark electrons: a figure of merit at 300 K, or a measured rate."""
 
     fom_na_per_cm2: Annotated[
         NotNegative | None, Usual.of(1e-5, 1e3, AMPERES_TO_NA, PA_TO_NA)
@@ -66,7 +66,7 @@ class DarkCurrentFields(FileTable):
         optional("temperature of rate_e_per_s [K]", 298.15)
     )
     doubling_k: Annotated[Positive | None, Usual(2, 30)] = optional(
-        "warming that doubles the rate [K]; without it the rate follows silicon",
+        "temperature rise that doubles the rate [K]; default: the rate follows silicon",
         7.0,
         title="doubling temperature T_d (E)",
     )
@@ -80,7 +80,7 @@ class DarkCurrentFields(FileTable):
         optional("distribution of the dark current over the pixels", "lognormal", "lognormal")
     )
     coupling: MapCoupling = optional(
-        "how alike neighbouring pixels are, with the distribution ar: a of their autoregression",
+        "correlation of neighbouring pixels with the distribution ar: a of the autoregression",
         0.25,
         0.0,
     )
@@ -96,7 +96,7 @@ class DarkCurrentFields(FileTable):
         figure, rate = self.fom_na_per_cm2 is not None, self.rate_e_per_s is not None
         if figure and rate:
             raise ValueError(
-                "give either fom_na_per_cm2 or rate_e_per_s (with at_temperature_k), and not both"
+                "give either fom_na_per_cm2 or rate_e_per_s (with at_temperature_k), not both"
             )
         if not figure and not rate:
             raise ValueError(
@@ -105,26 +105,26 @@ class DarkCurrentFields(FileTable):
             )
         if self.rate_e_per_s and self.at_temperature_k is None:
             raise ValueError(
-                f"rate_e_per_s is {self.rate_e_per_s:g}, and its temperature is missing; give at_temperature_k [K], "
+                f"rate_e_per_s is {self.rate_e_per_s:g}, but its temperature is missing; give at_temperature_k [K], "
                 "e.g. 298.15 for 25 °C"
             )
         if self.at_temperature_k is not None and not rate:
             raise ValueError(
-                "at_temperature_k is the temperature of rate_e_per_s; figures of merit are of 300 K. Leave it out"
+                "at_temperature_k is the temperature of rate_e_per_s; fom_na_per_cm2 is at 300 K: omit at_temperature_k"
             )
         if self.doubling_k is not None and not rate:
             raise ValueError(
-                "doubling_k needs rate_e_per_s and at_temperature_k; fom_na_per_cm2 has a law of its own"
+                "doubling_k needs rate_e_per_s and at_temperature_k; fom_na_per_cm2 has its own temperature dependence"
             )
         if self.diffusion_fom_na_per_cm2 is not None and not figure:
             raise ValueError(
-                "diffusion_fom_na_per_cm2 stands beside fom_na_per_cm2, the depletion part; give both"
+                "diffusion_fom_na_per_cm2 needs fom_na_per_cm2, the depletion part; give both"
             )
         if (weights := sum(component.weight for component in self.components)) > 1:
             raise ValueError(f"the weights of components add up to {weights:g}; at most 1")
         if self.distribution != "ar" and self.coupling:
             raise ValueError(
-                'coupling belongs to distribution = "ar"; the others have independent pixels'
+                'coupling needs distribution = "ar"; the other distributions have independent pixels'
             )
         require_drawable(
             "cv",
@@ -136,7 +136,7 @@ class DarkCurrentFields(FileTable):
 
     @classmethod
     def notes_of(cls, camera: Datasheet) -> tuple[str, ...]:
-        """One where the random numbers end before a hundredth of the standard deviation of the pixels is drawn."""
+        """A note if the finite random numbers lose more than 1 % of the standard deviation over the pixels."""
         dark = camera.dark_current
         if dark.distribution != "lognormal" or not dark.cv:
             return ()
@@ -144,8 +144,8 @@ class DarkCurrentFields(FileTable):
         if drawn >= (1 - NOTED) * dark.cv:
             return ()
         return (
-            f"dark_current.cv is {dark.cv:g}, and σ over mean of the pixels that are drawn is {drawn:.3g}: the rest "
-            "lies beyond 6.3 σ of the log-normal law, where random numbers of 32 bits end; take less, or "
+            f"dark_current.cv is {dark.cv:g}, but σ over mean of the drawn pixels is {drawn:.3g}: the rest lies beyond "
+            "6.3 σ of the log-normal distribution, where random numbers of 32 bits end; use a lower cv, or "
             'distribution = "wald"',
         )
 
@@ -155,7 +155,7 @@ class DarkCurrent(Stage):
     """Adds mean dark electrons t·D_R(T)·X, X a fixed map of mean 1 (paper eq. 16, 18).
 
     model : D_R(T) in e-/s.  distribution : of X; its coefficient of variation is D_N, 0.1–0.4 typical.
-    components : shares of the pixels that have another distribution instead, also where a map is given.
+    components : fractions of the pixels with another distribution instead, also if a map is given.
     """
 
     model: DarkCurrentModel
@@ -168,7 +168,7 @@ class DarkCurrent(Stage):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> DarkCurrent:
-        """Temperature model, distribution and superimposed components of the datasheet."""
+        """Return the stage with the temperature model, distribution and components of the datasheet."""
         dark = camera.dark_current
         if dark.distribution == "ar":
             distribution = Autoregressive(dark.cv, dark.coupling)
@@ -181,7 +181,7 @@ class DarkCurrent(Stage):
         )
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """Photoelectrons and the mean dark electrons of this exposure."""
+        """Return photoelectrons and the mean dark electrons of this exposure."""
         mean = self.mean_e(frame)
         flat = self.distribution.cv == 0 and "dark_fpn" not in frame.window.given
         dark = 0.0
@@ -194,11 +194,11 @@ class DarkCurrent(Stage):
         return replace(electrons, dark=electrons.dark + dark)
 
     def mean_e(self, frame: Frame) -> float:
-        """Mean dark electrons of a pixel of the main component in this exposure."""
+        """Return the mean dark electrons of a pixel of the main component in this exposure."""
         return frame.exposure.time_s * self.model.rate_e_per_s(frame.exposure.temperature_k)
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
-        """``dark_fpn``: dark current of every pixel over the average; and which pixel belongs to which component."""
+        """Return ``dark_fpn``, the dark current of every pixel over the mean, and the maps of the components."""
         main = window.measured_or(
             "dark_fpn", lambda: self.distribution.map_of(window, "dark_fpn")
         )
@@ -207,19 +207,19 @@ class DarkCurrent(Stage):
         )
 
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
-        """Pixels whose dark current the distribution would have made negative."""
+        """Return the mask of pixels whose dark current would be negative."""
         return cut_to_zero(self, "dark_fpn", self.distribution.cv, frame.window)
 
 
 def mean_dark_e(camera: Datasheet, exposure: Exposure) -> float:
-    """Mean dark electrons of a pixel of the main component in one exposure; 0 where dark current is switched off."""
+    """Return the mean dark electrons of a pixel of the main component; 0 if dark current is switched off."""
     if DarkCurrent.key() in camera.sensor.without:
         return 0.0
     return exposure.time_s * dark_current_model(camera).rate_e_per_s(exposure.temperature_k)
 
 
 def dark_current_model(camera: Datasheet) -> DarkCurrentModel:
-    """How this camera's dark current follows the temperature."""
+    """Return the temperature dependence of this camera's dark current."""
     dark = camera.dark_current
     area_cm2 = camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-8
     if dark.fom_na_per_cm2 is not None:
@@ -233,7 +233,7 @@ def dark_current_model(camera: Datasheet) -> DarkCurrentModel:
 
 
 def dark_components(camera: Datasheet) -> tuple[DarkComponent, ...]:
-    """The superimposed dark signals, in electrons."""
+    """Return the superimposed dark signals, in electrons."""
     unit = {"e": 1.0, "e_per_s": 1.0, "dn": 1 / gain_dn_per_e(camera)}
     return tuple(
         DarkComponent(

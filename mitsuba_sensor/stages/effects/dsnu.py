@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Self
 
@@ -17,51 +16,51 @@ from ..usual_range import PERCENT, Usual
 class DsnuColumnFields(FileTable):
     """Offsets of the columns."""
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {"dsnu_col": 0.0}
+    cmos_only = ("dsnu_col",)
     dsnu_col: Annotated[NotNegative, Usual.of(0, 0.05, PERCENT)] = optional(
         "column offsets, σ over the full-well swing", 0.001, 0.0
     )
     dsnu_col_coupling: LineCoupling = optional(
-        "how alike offsets of neighbouring columns are: a of their autoregression", 0.25, 0.0
+        "correlation of the offsets of neighbouring columns: a of the autoregression", 0.25, 0.0
     )
     dsnu_residual: Chance = optional(
-        "share of column and pixel offsets that the analogue CDS leaves",
+        "fraction of column and pixel offsets that the analogue CDS leaves",
         1.0,
         1.0,
-        title="DSNU, DSNU1288 (E), behind an analogue CDS",
+        title="DSNU, DSNU1288 (E), after an analogue CDS",
     )
 
 
 class DsnuRowFields(FileTable):
     """Offsets of the rows."""
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {"dsnu_row": 0.0}
+    cmos_only = ("dsnu_row",)
     dsnu_row: Annotated[NotNegative, Usual.of(0, 0.05, PERCENT)] = optional(
         "row offsets, σ over the full-well swing", 0.0005, 0.0
     )
     dsnu_row_coupling: LineCoupling = optional(
-        "how alike offsets of neighbouring rows are: a of their autoregression", 0.25, 0.0
+        "correlation of the offsets of neighbouring rows: a of the autoregression", 0.25, 0.0
     )
 
 
 class DsnuPixelFields(FileTable):
     """Offsets of the pixels."""
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {"dsnu_e": 0.0}
+    cmos_only = ("dsnu_e",)
     dsnu_e: NotNegative = optional("pixel offsets, σ as electrons [e-]", 2.0, 0.0)
     dsnu_coupling: MapCoupling = optional(
-        "how alike offsets of neighbouring pixels are: a of their autoregression", 0.25, 0.0
+        "correlation of the offsets of neighbouring pixels: a of the autoregression", 0.25, 0.0
     )
 
 
 @dataclass(frozen=True)
 class FixedOffset(ElectronMaps):
-    """An offset that does not depend on the signal (paper eq. 28, 32). A CCD, which has one amplifier, has none.
+    """An offset that does not depend on the signal (paper eq. 28, 32). A CCD has one amplifier and no offsets.
 
     sigma_e : σ of the offsets, as electrons at the sense node.  gain_v_per_e : one electron at this stage [V/e-].
-    coupling : a of the isotropic AR process.  residual : what the CDS leaves of the offsets, 0 … 1.
+    coupling : a of the isotropic AR process.  residual : fraction of the offsets that the CDS leaves, 0 … 1.
     source : name of the random stream; the map is called ``<source>_e``.
-    axis : of lines that have one offset each, 0 for rows, 1 for columns; None for pixels.
+    axis : 0 for offsets of rows, 1 of columns, None of pixels.
     """
 
     sigma_e: float
@@ -75,7 +74,7 @@ class FixedOffset(ElectronMaps):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> Self | None:
-        """σ of lines is a fraction of the full well; a CDS leaves offsets of rows as they are. None for a CCD."""
+        """Return the stage, or None for a CCD. σ of lines is a fraction of the full well; a CDS keeps row offsets."""
         if camera.sensor.technology == "ccd":
             return None
         table = getattr(camera, cls.table)
@@ -86,14 +85,14 @@ class FixedOffset(ElectronMaps):
         return cls(sigma * unit_e, per_e, coupling, residual)
 
     def sample(self, swing: Array, frame: Frame) -> Array:
-        """Swing with the camera's offsets."""
+        """Return the swing with the camera's offsets."""
         if self.sigma_e == 0 and self._name not in frame.window.given:
             return swing
         offsets = self.fpn_maps(frame.window)[self._name]
         return swing + frame.number(self.residual * self.gain_v_per_e) * offsets
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
-        """The offsets in electrons, 0 on average: (1, W), (H, 1) or (H, W)."""
+        """Return the offsets in electrons, 0 on average: (1, W), (H, 1) or (H, W)."""
 
         def offsets() -> Array:
             if self.axis is not None:
@@ -107,7 +106,7 @@ class FixedOffset(ElectronMaps):
         return {self._name: window.measured_or(self._name, offsets)}
 
     def gains_of_maps(self) -> dict[str, float]:
-        """What the CDS leaves of an electron [V/e-]."""
+        """Return the swing that an electron leaves after the CDS [V/e-]."""
         return {self._name: self.residual * self.gain_v_per_e}
 
     @property
@@ -117,7 +116,7 @@ class FixedOffset(ElectronMaps):
 
 @dataclass(frozen=True)
 class DsnuColumn(FixedOffset):
-    """One offset per column; neighbouring columns may be alike (paper eq. 28, 32). A CCD has none."""
+    """One offset per column, which may correlate with its neighbours' (paper eq. 28, 32). A CCD has none."""
 
     source = "dsnu_col"
     axis = 1
@@ -129,7 +128,7 @@ class DsnuColumn(FixedOffset):
 
 @dataclass(frozen=True)
 class DsnuRow(FixedOffset):
-    """One offset per row; neighbouring rows may be alike (paper eq. 28). A CCD has none."""
+    """One offset per row, which may correlate with its neighbours' (paper eq. 28). A CCD has none."""
 
     source = "dsnu_row"
     axis = 0
@@ -141,7 +140,7 @@ class DsnuRow(FixedOffset):
 
 @dataclass(frozen=True)
 class DsnuPixel(FixedOffset):
-    """One offset per pixel; neighbouring pixels may be alike (paper eq. 28). A CCD has none."""
+    """One offset per pixel, which may correlate with its neighbours' (paper eq. 28). A CCD has none."""
 
     source = "dsnu_pixel"
     table = "pixel"

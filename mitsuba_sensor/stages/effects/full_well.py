@@ -1,8 +1,8 @@
 """Full well: a pixel holds at most its saturation capacity of electrons (EMVA 1288 μ_e.sat).
 
 A photodiode that is nearly full loses electrons over the barrier to its drain. The current over a barrier falls with
-its height as exp(−ΔE/k_BT), so that it is exp((n − W)/w) of the light's at n electrons, w = m·C·k_BT/q² (Pelamatti et
-al. 2013 and Miyauchi et al. 2023 of pinned photodiodes: a saturation that grows with the logarithm of the light).
+its height as exp(−ΔE/k_BT), so at n electrons it is exp((n − W)/w) times the photocurrent, w = m·C·k_BT/q² (Pelamatti
+et al. 2013 and Miyauchi et al. 2023 on pinned photodiodes: saturation grows with the logarithm of the light).
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from ..datasheet import FileTable, NotNegative, optional
 from ..stage import Datasheet, Stage
 from ..usual_range import THOUSANDS, Usual
 
-WIDEST_KNEE = 0.07
-"""Of the full well: 6e-7 of w overflows from an empty well, which should lose nothing; of a tenth it were 5e-5."""
+KNEE_MAX = 0.07
+"""Largest w over the full well: an empty well, which should lose nothing, then loses 6e-7 of w; at 0.1, 5e-5."""
 
 
 class FullWellFields(FileTable):
@@ -31,8 +31,8 @@ class FullWellFields(FileTable):
         float, Field(ge=1, le=1e30, strict=True), Usual.of(200, 1e8, THOUSANDS)
     ] = Field(description="saturation capacity [e-]", examples=[33000])
     full_well_knee_e: NotNegative = optional(
-        "width w of the knee in which a pixel saturates: at full_well_e of light it holds 0.69 w less, and "
-        "its noise falls before it is full; 0 is a hard clip, at most 7 % of full_well_e [e-]",
+        "width w of the knee of the response at saturation: full_well_e of light leave 0.69 w less, and noise "
+        "falls before the pixel is full; 0 is a hard clip, at most 7 % of full_well_e [e-]",
         500.0,
         0.0,
         title="knee of the response at saturation, soft saturation",
@@ -40,10 +40,10 @@ class FullWellFields(FileTable):
 
     @model_validator(mode="after")
     def _knee_below_the_well(self) -> Self:
-        if self.full_well_knee_e > WIDEST_KNEE * self.full_well_e:
+        if self.full_well_knee_e > KNEE_MAX * self.full_well_e:
             raise ValueError(
                 f"full_well_knee_e is {self.full_well_knee_e:g}; it must be at most 7 % of full_well_e, "
-                f"{WIDEST_KNEE * self.full_well_e:g}: give the width of the knee, not where it begins"
+                f"{KNEE_MAX * self.full_well_e:g}: give the width of the knee, not its position"
             )
         return self
 
@@ -61,7 +61,7 @@ class FullWell(Stage):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> Stage:
-        """The saturation capacity of the datasheet, with a knee where it has one."""
+        """Return the full well of the datasheet, with a knee if given."""
         pixel = camera.pixel
         if pixel.full_well_knee_e:
             return SoftFullWell(pixel.full_well_e, pixel.full_well_knee_e)
@@ -73,7 +73,7 @@ class FullWell(Stage):
         return self.full_well_e
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """Clips the sum; the excess is taken from the photoelectrons."""
+        """Return electrons with their sum clipped; the excess is taken from the photoelectrons."""
         capacity = frame.number(self.full_well_e)
 
         def beside(dark: Array, light: Array) -> Array:
@@ -86,18 +86,18 @@ class FullWell(Stage):
         return electrons.changed(partial(beside, 0.0), parts)
 
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
-        """Pixels that are full."""
+        """Return the mask of full pixels."""
         return {"clipped_full_well": signal >= frame.number(self.full_well_e)}
 
 
 @dataclass(frozen=True)
 class SoftFullWell(Stage):
-    """n = −w·ln(e^(−N/w) + e^(−W/w)) of N electrons, and the shot noise of those that overflow.
+    """n = −w·ln(e^(−N/w) + e^(−W/w)) of N electrons, with the shot noise of the overflow.
 
-    In light of one level the charge follows dn/dN = p = 1 − e^((n − W)/w): what is lost is the current over a barrier
-    that n lowers. Electrons come and go one by one, so that the variance v of n follows dv/dN = 2 − p + 2p′·v, whose
-    solution behind Poisson counts is v = p²·N + w·(1 − p)·(1 + 2p): p² of the shot noise, and an own noise of the
-    overflow. A full well has the variance w.
+    In constant light the charge follows dn/dN = p = 1 − e^((n − W)/w): the loss is the current over a barrier that n
+    lowers. Electrons come and go one by one, so the variance v of n follows dv/dN = 2 − p + 2p′·v, whose solution for
+    Poisson counts is v = p²·N + w·(1 − p)·(1 + 2p): p² times the shot noise, plus the noise of the overflow. A full
+    well has the variance w.
 
     full_well_e : W, what a pixel holds in bright light.  knee_e : w.
     """
@@ -109,7 +109,7 @@ class SoftFullWell(Stage):
 
     @classmethod
     def key(cls) -> str:
-        """That of the full well."""
+        """Return the key of FullWell."""
         return FullWell.key()
 
     @property
@@ -118,7 +118,7 @@ class SoftFullWell(Stage):
         return self.full_well_e
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """What is left of the sum, light and dark electrons in the same share."""
+        """Return what the well holds; light and dark electrons lose the same fraction."""
 
         def left(count: Array) -> Array:
             well, knee = frame.number(self.full_well_e), frame.number(self.knee_e)
@@ -129,26 +129,26 @@ class SoftFullWell(Stage):
 
         def parts(light: Array, dark: Array) -> tuple[Array, Array]:
             count = light + dark
-            share = arrays.ratio(left(count), count, 0.0)
-            return light * share, dark * share
+            fraction = arrays.ratio(left(count), count, 0.0)
+            return light * fraction, dark * fraction
 
         return electrons.changed(left, parts)
 
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
-        """Pixels in which more than half of the light overflows."""
+        """Return the mask of pixels in which more than half of the light overflows."""
         half_e = self.full_well_e - np.log(2.0) * self.knee_e
         return {"clipped_full_well": signal >= frame.number(half_e)}
 
 
 def held_e(count_e: Float64Array, full_well_e: float, knee_e: float) -> Float64Array:
-    """What a pixel holds of so many electrons, without noise."""
+    """Return what a pixel holds of so many electrons, without noise."""
     if knee_e == 0:
         return np.minimum(count_e, full_well_e)
     return np.asarray(_response(count_e, full_well_e, knee_e)[0])
 
 
 def _response(count: Array, well: Array, knee: Array) -> tuple[Array, Array]:
-    """What is left of so many electrons, and the share p of a further one that is."""
+    """Return what the well holds of so many electrons, and p."""
     below = count < well
     fall = arrays.exp(-arrays.where(below, well - count, count - well) / knee)
     kept = arrays.minimum(count, well) - knee * arrays.log1p(fall)

@@ -21,14 +21,14 @@ class IntegralNonlinearityFields(FileTable):
         "integral non-linearity γ: gain at zero over gain at full scale, below e", 1.04
     )
     ile: Annotated[float, Field(ge=0, lt=0.25, strict=True)] | None = optional(
-        "the same as an end-point error, a fraction of full scale", 0.0099
+        "the non-linearity as an end-point error, a fraction of full scale", 0.0099
     )
 
     @model_validator(mode="after")
     def _one_curve(self) -> Self:
         if self.gamma is not None and self.ile is not None:
             raise ValueError(
-                "give either gamma or ile, and not both; gamma = 1.04 is an ile of 0.0099"
+                "give either gamma or ile, not both; gamma = 1.04 is an ile of 0.0099"
             )
         return self
 
@@ -37,8 +37,8 @@ class IntegralNonlinearityFields(FileTable):
 class IntegralNonlinearity(Stage):
     """S·γ^(−S/V_FS), that is A^(1−αV) = A·γ^(−V/V_FS) exactly (paper eq. 36-38).
 
-    gamma : ratio of the gains at zero and at full scale, below e, where the curve stops being monotone; 1.04 is an
-        end-point ILE of 0.99 %.  full_scale_v : V_FS [V].
+    gamma : gain at zero over gain at full scale, below e for a monotone curve; 1.04 is an ILE of 0.99 %.
+    full_scale_v : V_FS [V].
     """
 
     gamma: float
@@ -51,7 +51,7 @@ class IntegralNonlinearity(Stage):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> IntegralNonlinearity | None:
-        """None for a straight converter."""
+        """Return None for a linear converter."""
         adc = camera.adc
         if adc.ile is not None:
             gamma = gamma_of_ile(adc.ile)
@@ -62,7 +62,7 @@ class IntegralNonlinearity(Stage):
         return cls(gamma, full_scale_v(camera))
 
     def sample(self, swing: Array, frame: Frame) -> Array:
-        """Swing through the curve; without a logarithm of the gain, so that A = 1 is a gain like any other."""
+        """Return the swing after the curve, also for A = 1, since no logarithm of the gain is needed."""
         if self.gamma == 1:
             return swing
         return swing * arrays.exp(frame.number(-self._rate) * swing)
@@ -73,16 +73,13 @@ class IntegralNonlinearity(Stage):
 
 
 def gamma_of_ile(ile: float) -> float:
-    """γ whose largest distance from the straight line through both ends is ``ile`` of full scale; 0.04 → 1.16633.
-
-    The distance is max over x of x·γ^(1−x) − x.
-    """
+    """Return γ of an end-point error ``ile``, the maximum over x of x·γ^(1−x) − x; 0.04 → 1.16633."""
     if ile:
         return root(lambda gamma: end_point_ile(gamma) - ile, 1.0, 2.7)
     return 1.0
 
 
 def end_point_ile(gamma: float) -> float:
-    """End-point integral linearity error of γ, a fraction of full scale; 1.04 → 0.0099."""
+    """Return the end-point error of γ, a fraction of full scale; 1.04 → 0.0099."""
     k = arrays.scalar_log(gamma)
     return largest(lambda x: x * arrays.scalar_exp(k * (1 - x)) - x, 0.0, 1.0)

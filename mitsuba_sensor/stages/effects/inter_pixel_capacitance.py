@@ -1,12 +1,11 @@
-"""Inter-pixel capacitance (IPC): a pixel's charge raises the voltage of its neighbours' sense nodes, too.
+"""Inter-pixel capacitance (IPC): a pixel's charge also raises the voltage of its neighbours' sense nodes.
 
 Moore, Ninkov & Forrest, Opt. Eng. 45, 076402 (2006), measure it by the correlation of neighbours in flat fields;
-Kannawadi et al., PASP 128, 095001 (2016), give its effect on the images of points.
+Kannawadi et al., PASP 128, 095001 (2016), give its effect on images of points.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Self
 
@@ -20,19 +19,16 @@ from ..stage import Datasheet, Stage
 class InterPixelCapacitanceFields(FileTable):
     """Coupling of the sense nodes."""
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {
-        "ipc_coupling": 0.0,
-        "ipc_corner_coupling": 0.0,
-    }
+    cmos_only = ("ipc_coupling", "ipc_corner_coupling")
 
     ipc_coupling: Annotated[float, Field(ge=0, le=0.2, strict=True)] = optional(
-        "inter-pixel capacitance: share of a pixel's signal that each of its 4 neighbours shows",
+        "inter-pixel capacitance: fraction of a pixel's signal that each of its 4 neighbours shows",
         0.01,
         0.0,
         title="IPC coupling α",
     )
     ipc_corner_coupling: Annotated[float, Field(ge=0, le=0.1, strict=True)] = optional(
-        "the same share for each of its 4 diagonal neighbours", 0.001, 0.0
+        "the same fraction for each of its 4 diagonal neighbours", 0.001, 0.0
     )
 
     @model_validator(mode="after")
@@ -42,21 +38,20 @@ class InterPixelCapacitanceFields(FileTable):
         if centre < max(side, corner):
             raise ValueError(
                 f"ipc_coupling is {side:g} and ipc_corner_coupling {corner:g}, which leave {centre:.3g} in the pixel "
-                "itself, less than in a neighbour; take smaller couplings, e.g. 0.01 and 0.001"
+                "itself, less than in a neighbour; use smaller couplings, e.g. 0.01 and 0.001"
             )
         return self
 
 
 @dataclass(frozen=True)
 class InterPixelCapacitance(Stage):
-    """Each pixel shows α of the charge of each of its four neighbours, and 1 − 4α of its own, behind the shot noise.
+    """Each pixel shows α of the charge of each of its four neighbours and 1 − 4α of its own, after the shot noise.
 
-    Nothing is random: the noise of neighbours becomes correlated, and the variance of a flat field is Σk² of what it
-    was, (1 − 4α)² + 4α², so that a photon transfer curve shows K·Σk² (Moore et al. 2006). No charge is lost: at
-    the edge of the window a pixel keeps the shares of the neighbours that are missing there. Noise of the amplifiers
-    comes behind the coupling and is not coupled.
+    Nothing is random: the noise of neighbours becomes correlated, and the variance of a flat field falls to Σk² =
+    (1 − 4α)² + 4α², so that a photon transfer curve shows K·Σk² (Moore et al. 2006). No charge is lost: at the edge of
+    the window a pixel keeps the fractions of its missing neighbours. Noise of the amplifiers is not coupled.
 
-    side : α, of each of the four neighbours.  corner : of each of the four diagonal ones, 1 − 4α − 4·corner is left.
+    side : α, of each of the four neighbours.  corner : of each diagonal neighbour, which leaves 1 − 4α − 4·corner.
     """
 
     side: float
@@ -71,7 +66,7 @@ class InterPixelCapacitance(Stage):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> InterPixelCapacitance | None:
-        """None for a camera whose pixels are not coupled."""
+        """Return None for a camera without coupling."""
         side, corner = camera.readout.ipc_coupling, camera.readout.ipc_corner_coupling
         if side or corner:
             return cls(side, corner)
@@ -79,11 +74,11 @@ class InterPixelCapacitance(Stage):
 
     @property
     def centre(self) -> float:
-        """What a pixel shows of its own charge."""
+        """Fraction of its own charge that a pixel shows."""
         return 1 - 4 * self.side - 4 * self.corner
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """The charge that each sense node shows [e-]; no longer whole numbers."""
+        """Return the charge that each sense node shows [e-], no longer whole numbers."""
 
         def coupled(charge: Array) -> Array:
             return self._coupled(charge, frame)
@@ -91,7 +86,7 @@ class InterPixelCapacitance(Stage):
         return electrons.changed(coupled, lambda light, dark: (coupled(light), coupled(dark)))
 
     def _coupled(self, charge: Array, frame: Frame) -> Array:
-        """Σ k·charge over the pixel and its eight neighbours."""
+        """Return Σ k·charge over the pixel and its eight neighbours."""
 
         def around(*places: tuple[int, int]) -> Array:
             first, second, third, fourth = (frame.neighbour(charge, *place) for place in places)

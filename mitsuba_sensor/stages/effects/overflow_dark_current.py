@@ -1,4 +1,4 @@
-"""Dark current of a lateral overflow integration capacitor (LOFIC), which joins the charge when both are read."""
+"""Dark current of a lateral overflow integration capacitor (LOFIC), which adds to the charge read with it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class OverflowDarkCurrentFields(FileTable):
 
     overflow_rate_e_per_s: Annotated[NotNegative, Usual(0.01, 1e6)] = optional(
         "dark current of the overflow capacitor of a LOFIC pixel, at the temperature of rate_e_per_s, or "
-        "at 300 K; of the read-out that reads its charge [e-/s]",
+        "at 300 K; in the readout of its charge [e-/s]",
         50.0,
         0.0,
         title="LOFIC, lateral overflow integration capacitor",
@@ -40,7 +40,7 @@ class OverflowDarkCurrent(Stage):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> OverflowDarkCurrent | None:
-        """None where the capacitor has no dark current; it follows the temperature as that of the photodiode does."""
+        """Return None without such dark current; its temperature dependence is that of the photodiode's rate."""
         dark, at_k = camera.dark_current, reference_temperature_k(camera)
         if not dark.overflow_rate_e_per_s:
             return None
@@ -49,12 +49,12 @@ class OverflowDarkCurrent(Stage):
         return cls(Doubling(dark.overflow_rate_e_per_s, at_k, dark.doubling_k))
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """Whole electrons, and those of the capacitor."""
+        """Return the electrons with those of the capacitor added."""
         count = frame.poisson("overflow_dark", frame.number(self.mean_e(frame)))
         return electrons.changed(
             lambda total: total + count, lambda light, dark: (light, dark + count)
         )
 
     def mean_e(self, frame: Frame) -> float:
-        """Mean electrons of the capacitor in this exposure."""
+        """Return the mean electrons of the capacitor in this exposure."""
         return frame.exposure.time_s * self.model.rate_e_per_s(frame.exposure.temperature_k)

@@ -5,9 +5,8 @@ Fixed offsets of columns, rows and pixels (column FPN, row FPN, pixel FPN) are i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import model_validator
 
@@ -34,7 +33,7 @@ class PrnuFields(FileTable):
         "distribution of the pixels' gains", "gaussian", "gaussian"
     )
     prnu_coupling: MapCoupling = optional(
-        "how alike gains of neighbouring pixels are, with the distribution ar: a of their autoregression",
+        "correlation of the gains of neighbouring pixels with the distribution ar: a of the autoregression",
         0.25,
         0.0,
     )
@@ -49,18 +48,18 @@ class PrnuFields(FileTable):
 class PrnuColumnFields(FileTable):
     """Gains of the columns."""
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {"prnu_col": 0.0}
+    cmos_only = ("prnu_col",)
     prnu_col: Annotated[NotNegative, Usual.of(0, 0.1, PERCENT)] = optional(
         "spread of the column gains, σ over 1", 0.002, 0.0
     )
     prnu_col_coupling: LineCoupling = optional(
-        "how alike gains of neighbouring columns are: a of their autoregression", 0.25, 0.0
+        "correlation of the gains of neighbouring columns: a of the autoregression", 0.25, 0.0
     )
 
 
 @dataclass(frozen=True)
 class Prnu(Stage):
-    """mean' = mean · max(0, 1 + PRNU·z), one z per pixel and camera (paper eq. 15, and other distributions).
+    """mean' = mean · max(0, 1 + PRNU·z), one z per pixel and camera (paper eq. 15), or another distribution.
 
     distribution : of the gain; its cv is the PRNU, 0.01–0.02 typical (Janesick 2001).
     """
@@ -74,7 +73,7 @@ class Prnu(Stage):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> Prnu:
-        """The distribution of the gains that the datasheet names."""
+        """Return the stage with the distribution that the datasheet names."""
         pixel = camera.pixel
         if pixel.prnu_distribution == "ar":
             return cls(AutoregressiveRectified(pixel.prnu, pixel.prnu_coupling))
@@ -83,26 +82,26 @@ class Prnu(Stage):
         )
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """Mean photoelectrons times the gain map."""
+        """Return the mean photoelectrons times the gain map."""
         if self.distribution.cv == 0 and "prnu" not in frame.window.given:
             return electrons
         gain = self.fpn_maps(frame.window)["prnu"]
         return replace(electrons, light=arrays.product(electrons.light, gain))
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
-        """``prnu``: gain of every pixel, 1 on average."""
+        """Return ``prnu``, the gain of every pixel, 1 on average."""
         return {
             "prnu": window.measured_or("prnu", lambda: self.distribution.map_of(window, "prnu"))
         }
 
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
-        """Pixels whose gain the distribution would have made negative."""
+        """Return the mask of pixels whose gain would be negative."""
         return cut_to_zero(self, "prnu", self.distribution.cv, frame.window)
 
 
 @dataclass(frozen=True)
 class PrnuColumn(Stage):
-    """S·(1 + cv·x_j), x_j of variance 1, alike in neighbouring columns (paper eq. 28). A CCD has none.
+    """S·(1 + cv·x_j), x_j of variance 1, correlated between neighbouring columns (paper eq. 28). A CCD has none.
 
     cv : σ of the gain over its mean.  coupling : a of the AR process, 0 … 0.4999.
     """
@@ -117,23 +116,23 @@ class PrnuColumn(Stage):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> PrnuColumn | None:
-        """None for a CCD, which has one amplifier."""
+        """Return None for a CCD, which has one amplifier."""
         if camera.sensor.technology == "ccd":
             return None
         return cls(camera.readout.prnu_col, camera.readout.prnu_col_coupling)
 
     def sample(self, swing: Array, frame: Frame) -> Array:
-        """Swing times the gains of the columns."""
+        """Return the swing times the gains of the columns."""
         if self.cv == 0 and "prnu_col" not in frame.window.given:
             return swing
         return swing * self.fpn_maps(frame.window)["prnu_col"]
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
-        """``prnu_col``: gain of every column, 1 on average, (1, W)."""
+        """Return ``prnu_col``, the gain of every column, 1 on average, (1, W)."""
         return {"prnu_col": window.measured_or("prnu_col", lambda: self._gains(window))}
 
     def marked(self, signal: Array, frame: Frame) -> dict[str, Array]:
-        """Columns whose gain is not positive."""
+        """Return the mask of columns whose gain is not positive."""
         return cut_to_zero(self, "prnu_col", self.cv, frame.window)
 
     def _gains(self, window: SensorWindow) -> Array:

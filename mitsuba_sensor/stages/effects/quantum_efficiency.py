@@ -1,6 +1,6 @@
-"""Quantum efficiency (QE, η): mean photoelectrons = Σ_k QE_k·Λ_k, behind each pixel's colour filter.
+"""Quantum efficiency (QE, η): mean photoelectrons = Σ_k QE_k·Λ_k for each pixel's colour filter.
 
-QE_k is that of a wavelength, or the mean over a band, weighted by photons.
+QE_k is the QE at a wavelength, or its mean over a band, weighted by photons.
 """
 
 from __future__ import annotations
@@ -38,27 +38,27 @@ from .quantum_yield import bursts
 if TYPE_CHECKING:
     from ..combined_readouts import ReadoutChain
 
-LEAST_PEAK = 0.01
-"""Of a QE: below, it was probably divided by 100 twice."""
+PEAK_MIN = 0.01
+"""A QE curve with a lower maximum was probably divided by 100 twice."""
 
 Fractions = tuple[Annotated[float, Field(ge=0, le=1, strict=True)], ...]
 
 
 class CurveFields(FileTable):
-    """Electrons per photon, a curve per colour filter, and how the filters repeat over the sensor."""
+    """Electrons per photon, a curve for each colour filter, and the tile of filters."""
 
     value: Annotated[Chance | None, Usual.of(0.001, 1, PERCENT)] = optional(
-        "one QE for all of wavelengths_nm, instead of curves, as a fraction", 0.6
+        "one QE for all of wavelengths_nm, a fraction, instead of curves", 0.6
     )
     file: str | None = optional(
         "CSV file of the curves, instead of wavelengths_nm and curves", "qe.csv"
     )
     wavelengths_nm: Annotated[tuple[Positive, ...], Field(min_length=2), Nanometres] = Field(
-        description="where the curves are given, increasing [nm]", examples=[[400, 700]]
+        description="wavelengths of the curves, increasing [nm]", examples=[[400, 700]]
     )
     curves: Annotated[dict[str, Fractions], Field(min_length=1), Usual.of(0, 1, PERCENT)] = (
         Field(
-            description="filter name → QE at each wavelength, as a fraction",
+            description="filter name → QE at each of wavelengths_nm, a fraction",
             examples=[{"mono": [0.6, 0.6]}],
         )
     )
@@ -68,7 +68,7 @@ class CurveFields(FileTable):
         title="colour filter array CFA, Bayer pattern",
     )
     reference_nm: Annotated[Positive | None, Nanometres] = optional(
-        "the wavelength of photons that come without one [nm]", 550
+        "wavelength assumed for photons without one [nm]", 550
     )
 
     @model_validator(mode="before")
@@ -77,11 +77,11 @@ class CurveFields(FileTable):
         if not isinstance(data, dict):
             return data
         if not _plausible(data.get("value")) or not isinstance(data.get("file"), str | None):
-            # any curve will do here: the check of value or file itself says what is wrong
+            # any curve will do: the field's own check reports the error
             return data | {"curves": {"mono": [0.0, 1.0]}, "wavelengths_nm": [1.0, 2.0]}
         ways = [name for name in ("value", "file", "curves") if data.get(name) is not None]
         if len(ways) > 1:
-            raise ValueError(f"give either {ways[0]} or {ways[1]}, and not both")
+            raise ValueError(f"give either {ways[0]} or {ways[1]}, not both")
         if ways == ["file"]:
             return (
                 data
@@ -92,9 +92,7 @@ class CurveFields(FileTable):
             return data
         points = data.get("wavelengths_nm")
         if not isinstance(points, list | tuple) or not points:
-            raise ValueError(
-                "value needs wavelengths_nm, the band in which it holds, e.g. [400, 700]"
-            )
+            raise ValueError("value needs wavelengths_nm, its range, e.g. [400, 700]")
         return data | {
             "value": None,
             "curves": {"mono": [data["value"]] * len(points)},
@@ -117,19 +115,17 @@ class CurveFields(FileTable):
             )
         for row in self.tile or ():
             if not row or len(row) != len(self.tile[0]):  # type: ignore[index]
-                raise ValueError(
-                    "tile must be a rectangle: every row as long as the first, and none empty"
-                )
+                raise ValueError("tile must be a rectangle: rows of equal length, none empty")
             for name in row:
                 if name not in self.curves:
                     raise ValueError(
-                        f"tile names {name!r}, which has no curve; there are {sorted(self.curves)}"
+                        f"tile names {name!r}, which has no curve; the curves are {sorted(self.curves)}"
                     )
         return self
 
     @property
     def filter_tile(self) -> tuple[tuple[int, ...], ...]:
-        """The tile as numbers of curves."""
+        """The tile with the numbers of the curves."""
         names = tuple(self.curves)
         return tuple(
             tuple(names.index(name) for name in row) for row in self.tile or (names[:1],)
@@ -137,24 +133,24 @@ class CurveFields(FileTable):
 
 
 class QuantumEfficiencyFields(ImageLagFields, CrosstalkFields, CurveFields):
-    """Electrons per photon, filters, and where the electrons go; pydantic takes the fields of the last base first."""
+    """Quantum efficiency, filters, crosstalk and lag; pydantic lists the fields of the last base first."""
 
     @classmethod
     def notes_of(cls, camera: Datasheet) -> tuple[str, ...]:
-        """Where a curve is so low that it was probably divided by 100."""
+        """Notes on curves that were probably divided by 100."""
         peaks = {name: max(curve) for name, curve in camera.quantum_efficiency.curves.items()}
         return tuple(
             Doubt(
-                f"quantum_efficiency.curves.{name} has at most {peak:.4g}, and {LEAST_PEAK:g} to 1 is usual: if it was "
-                f"a fraction and called percent, write {100 * peak:.4g}"
+                f"quantum_efficiency.curves.{name} has a maximum of {peak:.4g}; {PEAK_MIN:g} to 1 is usual: if it was "
+                f"a fraction given as percent, write {100 * peak:.4g}"
             )
             for name, peak in peaks.items()
-            if 0 < peak < LEAST_PEAK
+            if 0 < peak < PEAK_MIN
         )
 
 
 def _plausible(value: Any) -> bool:
-    """Whether a QE is absent or a fraction."""
+    """Return whether a QE is absent or a fraction."""
     return value is None or (
         isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= 1
     )
@@ -162,16 +158,16 @@ def _plausible(value: Any) -> bool:
 
 @dataclass(frozen=True)
 class QuantumEfficiency(Detector):
-    """Mean photoelectrons of each pixel, Σ_k QE(λ_k)·Λ_k (paper eq. 14); not rounded, nothing is random here.
+    """Mean photoelectrons of each pixel, Σ_k QE(λ_k)·Λ_k (paper eq. 14), not rounded; nothing is random.
 
-    curves : one QE curve per colour filter, of unpolarised light behind polarisers, if any.
+    curves : one QE curve per colour filter, for unpolarised light, with the polarisers, if any.
     tile : rows of filter numbers that repeat over the sensor.
-    reference_nm : the wavelength of photons that come without one [nm], or None when they must have one.
-    quantum_yield : electrons per interacting photon against wavelength, or None for one everywhere.
-    crosstalk : behind the filters, or None where each pixel keeps its electrons. Beyond the edge of the window is the
-        light of a mirror there, behind the filters that are there.
-    diffusion : the same by wavelength, instead.
-    lag : of the frame before, where its light is given, or None.
+    reference_nm : wavelength assumed for photons without one [nm]; None to require one.
+    quantum_yield : electrons per interacting photon by wavelength; None for one everywhere.
+    crosstalk : None if each pixel keeps its electrons. The light beyond the edge of the window is its mirror image,
+        with the filters that are there.
+    diffusion : crosstalk by wavelength, instead.
+    lag : of the previous frame, if its light is given, or None.
     photodiodes : of split pixels, with crosstalk or diffusion of their own; each detects the photoelectrons that
         the first one would with these.
     """
@@ -192,7 +188,7 @@ class QuantumEfficiency(Detector):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> QuantumEfficiency:
-        """The camera's curves, and its quantum yield where that is not one."""
+        """Return the stage with the camera's curves, and its quantum yield if that is not one."""
         section = camera.quantum_efficiency
         curves = tuple(
             SpectralCurve(section.wavelengths_nm, curve)
@@ -210,32 +206,32 @@ class QuantumEfficiency(Detector):
         return cls(curves, tile, section.reference_nm, burst, crosstalk, diffusion, lag)
 
     def with_photodiodes(self, readouts: Iterable[ReadoutChain]) -> QuantumEfficiency:
-        """With the photodiodes of these read-outs whose crosstalk or diffusion is not that of the first one."""
+        """Add the photodiodes of these readouts whose crosstalk or diffusion differs from the first one's."""
         others = list[OtherPhotodiode]()
         for readout in readouts:
             own = readout.stages[0]
             assert isinstance(own, QuantumEfficiency)
-            alike = (own.crosstalk, own.diffusion) == (self.crosstalk, self.diffusion)
-            if readout.begins_photodiode and not alike:
+            same = (own.crosstalk, own.diffusion) == (self.crosstalk, self.diffusion)
+            if readout.begins_photodiode and not same:
                 detection = replace(self, crosstalk=own.crosstalk, diffusion=own.diffusion)
                 others.append(OtherPhotodiode(readout.name, readout.exposure_ratio, detection))
         return replace(self, photodiodes=tuple(others))
 
     @property
     def other_photodiodes(self) -> tuple[OtherPhotodiode, ...]:
-        """Those of split pixels."""
+        """Further photodiodes of split pixels."""
         return self.photodiodes
 
     @property
     def light_reach_px(self) -> int:
-        """That of crosstalk or diffusion."""
+        """Reach of crosstalk or diffusion."""
         spread = self.crosstalk or self.diffusion
         if spread is None:
             return 0
         return spread.reach_px
 
     def sample(self, photons: Photons, frame: Frame) -> Electrons:
-        """Mean photons (H, W) or (H, W, B) → mean photoelectrons (H, W); with a yield, mean interactions."""
+        """Return mean photoelectrons (H, W), with a quantum yield mean interactions."""
         window = frame.window
         collected = self._of_exposure(photons, window)
         if self.lag is not None and photons.by_readout is not None:
@@ -244,7 +240,7 @@ class QuantumEfficiency(Detector):
         return collected.mapped(lambda values: window.backend.from_numpy(values, window))
 
     def _of_exposure(self, photons: Photons, window: SensorWindow) -> Electrons:
-        """Mean photoelectrons (interactions) that each pixel collects of this light, (H, W) on NumPy."""
+        """Return the mean photoelectrons (interactions) that each pixel collects of this light, (H, W) on NumPy."""
         if self.light_reach_px == 0:
             return self._freed(photons, window)
         wider, around = _mirrored(photons, window, self.light_reach_px)
@@ -253,7 +249,7 @@ class QuantumEfficiency(Detector):
         return self._diffused(wider, around)
 
     def _freed(self, photons: Photons, window: SensorWindow) -> Electrons:
-        """Mean photoelectrons (interactions) that the light frees in each pixel, (H, W) on NumPy."""
+        """Return the mean photoelectrons (interactions) that the light frees in each pixel, (H, W) on NumPy."""
         weights = self._weights(photons)
         layers = photons.mean if photons.mean.ndim == 3 else photons.mean[..., None]
         known = 1.0 if photons.in_band is None else photons.in_band
@@ -268,12 +264,12 @@ class QuantumEfficiency(Detector):
         return Electrons(light, yield_mean=first, yield_variance=spread)
 
     def _diffused(self, photons: Photons, window: SensorWindow) -> Electrons:
-        """What the pixels collect of the photoelectrons of a window that is wider by the reach of the diffusion."""
+        """Return what pixels collect from a window that is wider by the reach of the diffusion."""
         assert self.diffusion is not None
         if photons.detected:
             raise InputError(
-                "photons are detected, so that their wavelengths are not known, and quantum_efficiency.diffusion_um "
-                "depends on them; pass photons by wavelength, or give crosstalk shares instead."
+                "photons are detected, so their wavelengths are unknown, but quantum_efficiency.diffusion_um needs "
+                "them; pass photons by wavelength, or give crosstalk instead."
             )
         weights = self._weights(photons)
         layers = photons.mean if photons.mean.ndim == 3 else photons.mean[..., None]
@@ -286,7 +282,7 @@ class QuantumEfficiency(Detector):
         return Electrons(self.diffusion.collected(freed_with, nm))
 
     def filters(self, photons: Photons) -> Filters | None:
-        """For sums over bands, quantum yield and crosstalk: None; the host is faster there."""
+        """Return None for sums over bands, quantum yield and crosstalk, which are faster on the host."""
         one_layer = photons.detected or len(photons.shape) == 2 or photons.shape[2] == 1
         spread = self.crosstalk or self.diffusion
         maps = (self.quantum_yield, spread, photons.in_band)
@@ -297,7 +293,7 @@ class QuantumEfficiency(Detector):
         return Filters(tuple(layers), tuple(float(line.max()) for line in weights), self.tile)
 
     def _collected(self, layers: Array, weights: Array, window: SensorWindow) -> Array:
-        """Σ over the bands (H, W, B), each pixel with the weights of its filter, (F, B)."""
+        """Return Σ over the bands (H, W, B), each pixel with the weights of its filter, (F, B)."""
         if len(self.curves) == 1:
             return arrays.weighted_sum(layers, weights[0])
         found, size = np.empty(window.shape), (len(self.tile), len(self.tile[0]))
@@ -311,21 +307,20 @@ class QuantumEfficiency(Detector):
         return found
 
     def _weights(self, photons: Photons, power: int = 0) -> Array:
-        """QE of every filter for the photons' wavelengths or bands, (F, B), times a power of the quantum yield; 1 if it
-        is applied already."""
+        """Return QE times a power of the quantum yield for filters and bands, (F, B); 1 for detected photons."""
         if photons.detected:
             return np.eye(len(self.curves))
         nm, burst = self._wavelengths(photons), self.quantum_yield if power else None
         return np.array([curve.of(photons, nm, burst, power) for curve in self.curves])
 
     def _wavelengths(self, photons: Photons) -> Array:
-        """(B,) [nm]; the camera's reference where the photons came without."""
+        """Return the wavelengths of the bands (B,) [nm], or the camera's reference_nm."""
         if photons.wavelengths_nm is not None:
             return photons.wavelengths_nm
         if self.reference_nm is None:
             raise InputError(
-                "photons has no wavelengths_nm and this camera's quantum efficiency depends on wavelength; "
-                "pass wavelengths_nm=[...], one per band, or set quantum_efficiency.reference_nm in the camera."
+                "photons have no wavelengths_nm, but this camera's quantum efficiency depends on wavelength; pass "
+                "wavelengths_nm=[...], one per band, or set quantum_efficiency.reference_nm in the camera."
             )
         return (self.reference_nm,)
 
@@ -333,7 +328,7 @@ class QuantumEfficiency(Detector):
 def _mirrored(
     photons: Photons, window: SensorWindow, by_px: int
 ) -> tuple[Photons, SensorWindow]:
-    """Light on a window that is wider by so many pixels on each side, as a mirror at the last pixels shows it."""
+    """Return the light on a window wider by so many pixels on each side, mirrored at the outermost pixels."""
 
     def wider(values: NumpyArray | None) -> NumpyArray | None:
         if values is None:

@@ -17,7 +17,8 @@ class QuantumYieldFields(FileTable):
     """Electrons per interacting photon."""
 
     quantum_yield: tuple[Annotated[float, Field(ge=1, strict=True)], ...] | None = optional(
-        "electrons per interacting photon at each wavelength, 1 in the visible", [2.0, 1.0]
+        "electrons per interacting photon at each of wavelengths_nm, 1 in the visible",
+        [2.0, 1.0],
     )
     fano_factor: Chance = optional(
         "Fano factor where the yield is above 1", 0.1, 0.1, title="Fano factor F_F"
@@ -35,7 +36,7 @@ class QuantumYieldFields(FileTable):
 
 @dataclass(frozen=True)
 class QuantumYield(Stage):
-    """n interactions give n·η ± √(n·(F·η + var η)) electrons, rounded; where η is 1 nothing changes.
+    """n interactions give n·η ± √(n·(F·η + var η)) electrons, rounded; for η = 1 nothing changes.
 
     fano : Fano factor F of the pair production, about 0.1 in silicon (Janesick 2001).
     """
@@ -51,14 +52,14 @@ class QuantumYield(Stage):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> QuantumYield | None:
-        """None where the datasheet has no yield but 1."""
+        """Return None if the yield is 1 everywhere."""
         section = camera.quantum_efficiency
         if bursts(section.quantum_yield):
             return cls(section.fano_factor)
         return None
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """Interactions → electrons; whole numbers stay whole."""
+        """Return electrons for interactions; whole numbers stay whole."""
         n, mean = electrons.light, electrons.yield_mean
         spread = arrays.sqrt(n * (frame.number(self.fano) * mean + electrons.yield_variance))
         smooth = n * mean + spread * frame.normal("quantum_yield")
@@ -68,5 +69,5 @@ class QuantumYield(Stage):
 
 
 def bursts(quantum_yield: Sequence[float] | None) -> bool:
-    """Whether any photon frees more than one electron."""
+    """Return whether any photon frees more than one electron."""
     return any(electrons != 1 for electrons in quantum_yield or ())

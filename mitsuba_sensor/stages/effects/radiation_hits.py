@@ -1,4 +1,4 @@
-"""Radiation hits: cosmic rays and other charged particles leave charge in single pixels, anew in every frame.
+"""Radiation hits: cosmic rays and other charged particles leave charge in random pixels of each frame.
 
 The charge that a fast particle frees in a thin layer has Landau's distribution; Moyal, Phil. Mag. 46, 263 (1955), gives
 the closed form that is used here. Flux at sea level: about 1 muon per cm² and minute (Particle Data Group).
@@ -17,13 +17,13 @@ from ...core import Electrons, Frame, arrays
 from ..datasheet import FileTable, NotNegative, optional
 from ..stage import Datasheet, Stage
 
-WIDTH = 0.15
-"""Scale of Moyal's distribution, as a share of the most probable charge. Its full width at half maximum is 3.59 times
-as large: 0.54, as Bichsel, Rev. Mod. Phys. 60, 663 (1988), has it for some ten micrometres of silicon."""
+SCALE = 0.15
+"""Scale of Moyal's distribution over the most probable charge. Its full width at half maximum is 3.59 times as large:
+0.54, the value of Bichsel, Rev. Mod. Phys. 60, 663 (1988), for some ten micrometres of silicon."""
 
 CM2_PER_UM2 = 1e-8
 MEAN = float(np.euler_gamma) + math.log(2)
-"""Of Moyal's distribution of location 0 and scale 1."""
+"""Mean of Moyal's distribution of location 0 and scale 1."""
 
 
 class RadiationHitsFields(FileTable):
@@ -36,8 +36,7 @@ class RadiationHitsFields(FileTable):
         title="cosmic rays, radiation hits",
     )
     hit_e: Annotated[float, Field(gt=0, le=1e7, strict=True)] = optional(
-        "electrons that most hits leave in their pixel [e-]; about 64 per µm of 20 µm of silicon, 75 of "
-        "300 µm",
+        "most probable charge of a hit [e-]; about 64 per µm for 20 µm of silicon, 75 for 300 µm",
         1500.0,
         1500.0,
         title="most probable charge of a hit",
@@ -46,12 +45,11 @@ class RadiationHitsFields(FileTable):
 
 @dataclass(frozen=True)
 class RadiationHits(Stage):
-    """Charge of Moyal's distribution in pixels that a charged particle crosses in this frame.
+    """Charge of Moyal's distribution in the pixels that charged particles cross in this frame.
 
-    Poisson(flux·area·t) particles cross a pixel, in each frame anew. One leaves hit_e·(1 − 0.15·ln Z²) electrons, Z a
-    standard normal (Moyal 1955): hit_e most often, 1.19·hit_e on average, with a tail of many more. Several in one
-    pixel leave as many on average and the variance of their sum. Hits come behind the full well. Particles that fly
-    through several pixels are not simulated.
+    Poisson(flux·area·t) particles cross a pixel. One leaves hit_e·(1 − 0.15·ln Z²) electrons, Z standard normal (Moyal
+    1955): most probably hit_e, on average 1.19·hit_e, with a long tail. For several in one pixel, mean and variance of
+    the sum are exact. Hits add after the full well. Tracks through several pixels are not modelled.
 
     hits_per_um2_s : flux.  hit_e : most probable charge.  pixel_um2 : area of a pixel.
     """
@@ -67,7 +65,7 @@ class RadiationHits(Stage):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> RadiationHits | None:
-        """None for a camera without hits."""
+        """Return None for a camera without hits."""
         pixel = camera.pixel
         if not pixel.hits_per_cm2_s:
             return None
@@ -76,21 +74,21 @@ class RadiationHits(Stage):
 
     @property
     def mean_e(self) -> float:
-        """Mean charge of a hit [e-]: that of Moyal's distribution, location + scale·(γ + ln 2)."""
-        return self.hit_e * (1 + WIDTH * MEAN)
+        """Mean charge of a hit [e-], the mean of Moyal's distribution, location + scale·(γ + ln 2)."""
+        return self.hit_e * (1 + SCALE * MEAN)
 
     def mean_hits(self, frame: Frame) -> float:
-        """Mean number of particles that cross a pixel in this exposure."""
+        """Return the mean number of particles that cross a pixel in this exposure."""
         return self.hits_per_um2_s * self.pixel_um2 * frame.exposure.time_s
 
     def sample(self, electrons: Electrons, frame: Frame) -> Electrons:
-        """Electrons with those of the hits; they count as dark electrons."""
+        """Return the electrons with those of the hits, as dark electrons."""
         mean_hits = self.mean_hits(frame)
         if mean_hits == 0:
             return electrons
         hits = frame.poisson("radiation_hit", frame.number(mean_hits))
         above = frame.window.backend.moyal(frame.random_bits("radiation_charge")) - MEAN
-        spread = frame.number(WIDTH * self.hit_e) * (arrays.sqrt(hits) * above)
+        spread = frame.number(SCALE * self.hit_e) * (arrays.sqrt(hits) * above)
         added = arrays.floor(hits * frame.number(self.mean_e) + spread + 0.5)
         return electrons.changed(
             lambda total: total + added, lambda light, dark: (light, dark + added)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -16,22 +15,22 @@ from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, Stage
 
 RESET_RESIDUAL = {"hard": 1.0, "soft": math.sqrt(0.5), "true_cds": 0.0}
-"""What is left of the kTC noise (paper, sense node reset noise; soft reset: Pain et al. 2000)."""
+"""Fraction of the kTC noise that remains (paper, sense node reset noise; soft reset: Pain et al. 2000)."""
 
 UNCORRELATED = math.sqrt(2.0)
-"""Left where the reference level is sampled after another reset than the signal's (3T pixel): two equal variances."""
+"""Fraction if reference and signal are sampled after different resets (3T pixel): two equal variances."""
 
 
 class ResetNoiseFields(FileTable):
     """kTC noise."""
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {"reset": "true_cds", "ktc_residual": 0.0}
+    cmos_only = ("reset", "ktc_residual")
     reset: Literal["hard", "soft", "true_cds"] = Field(
         description="kTC noise: hard leaves all of it, soft 1/√2, true_cds none",
         examples=["hard"],
     )
     ktc_residual: Annotated[float, Field(ge=0, le=UNCORRELATED, strict=True)] | None = optional(
-        "share of the kTC noise left, instead of what reset implies; √2 after uncorrelated 3T sampling",
+        "remaining fraction of the kTC noise, overrides reset; √2 for uncorrelated 3T sampling",
         0.05,
         title="CDS residue of the reset noise",
     )
@@ -41,8 +40,8 @@ class ResetNoiseFields(FileTable):
 class ResetNoise(Stage):
     """Adds residual·√(k_B·T/C_SN)·z, C_SN = q/A_SN (paper eq. 7, 27, 30). A CCD has none.
 
-    gain_v_per_e : A_SN [V/e-].  residual : what the reset and the CDS leave of it, 0 … √2; hard reset 1, soft
-        reset 1/√2, uncorrelated sampling of a hard reset √2.
+    gain_v_per_e : A_SN [V/e-].  residual : fraction that reset and CDS leave: hard reset 1, soft reset 1/√2,
+        uncorrelated sampling of a hard reset √2.
     """
 
     gain_v_per_e: float
@@ -54,7 +53,7 @@ class ResetNoise(Stage):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> ResetNoise | None:
-        """None for a CCD, whose true CDS takes all of it away."""
+        """Return None for a CCD, whose true CDS removes all of it."""
         if camera.sensor.technology == "ccd":
             return None
         readout = camera.readout
@@ -65,14 +64,14 @@ class ResetNoise(Stage):
         return cls(sense_gain_v_per_e(camera), residual)
 
     def sample(self, swing: Array, frame: Frame) -> Array:
-        """Swing with the noise."""
+        """Return the swing with noise."""
         sigma = self.sigma_v(frame.exposure)
         if sigma:
             return swing + frame.number(sigma) * frame.normal("reset")
         return swing
 
     def sigma_v(self, exposure: Exposure) -> float:
-        """Noise at the temperature of this exposure [V rms]."""
+        """Return the noise at the temperature of this exposure [V rms]."""
         squared = (
             BOLTZMANN_J_PER_K * exposure.temperature_k * self.gain_v_per_e / ELEMENTARY_CHARGE_C
         )
@@ -80,6 +79,6 @@ class ResetNoise(Stage):
 
 
 def reset_noise_v(camera: Datasheet, exposure: Exposure) -> float:
-    """The noise of a camera [V rms]."""
+    """Return the reset noise of a camera [V rms]."""
     stage = ResetNoise.from_camera(camera)
     return stage.sigma_v(exposure) if stage else 0.0

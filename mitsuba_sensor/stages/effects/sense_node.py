@@ -14,21 +14,21 @@ from ..stage import Datasheet, Stage
 from ..usual_range import MV_TO_V, VOLTS_TO_UV, Usual
 
 OF_VOLTS = (
-    "is about volts, which gain_dn_per_e alone does not say; add sense_gain_uv_per_e, e.g. 50"
+    "needs voltages, which gain_dn_per_e alone does not give; add sense_gain_uv_per_e, e.g. 50"
 )
 
 
 class SenseNodeFields(FileTable):
-    """The overall system gain, and the conversion gain of the sense node."""
+    """Overall system gain, and conversion gain of the sense node."""
 
     gain_dn_per_e: Annotated[Positive | None, Usual.of(1e-4, 1e3)] = optional(
-        "overall system gain K, instead of adc.full_scale_v; one over e- per DN of a data sheet [DN/e-]",
+        "overall system gain K, instead of adc.full_scale_v; 1 over a data sheet's e- per DN [DN/e-]",
         0.1225,
         title="overall system gain K (E), as given",
     )
 
     sense_gain_uv_per_e: Annotated[Positive | None, Usual.of(0.1, 1e3, VOLTS_TO_UV)] = optional(
-        "sense node conversion gain A_SN, or ve_k1_c; any if gain_dn_per_e is given [µV/e-]",
+        "conversion gain A_SN of the sense node; not needed with gain_dn_per_e or ve_k1_c [µV/e-]",
         5.0,
     )
     v_ref_v: Annotated[Positive, Usual.of(0.3, 30, MV_TO_V)] = optional(
@@ -53,19 +53,19 @@ class SenseNodeFields(FileTable):
     def _one_sense_gain(self) -> Self:
         if self.sense_gain_uv_per_e is not None and self.ve_k1_c is not None:
             raise ValueError(
-                "give either sense_gain_uv_per_e or ve_k1_c, which implies it, and not both"
+                "give either sense_gain_uv_per_e or ve_k1_c, which implies it, not both"
             )
         if self.sense_gain_uv_per_e is None and self.ve_k1_c is None:
             if self.gain_dn_per_e is None:
                 raise ValueError(
-                    "the gain is missing; give gain_dn_per_e, the overall system gain K [DN/e-] (1/8.16 where the "
-                    "data sheet has 8.16 e- per DN), or sense_gain_uv_per_e, the conversion gain [µV/e-]"
+                    "the gain is missing; give gain_dn_per_e, the overall system gain K [DN/e-] (1/8.16 for 8.16 e- "
+                    "per DN), or sense_gain_uv_per_e, the conversion gain [µV/e-]"
                 )
             if self.ve_nonlinearity:
                 raise ValueError(f"ve_nonlinearity {OF_VOLTS}")
         if self.ve_k1_c is not None and not self.ve_nonlinearity:
             raise ValueError(
-                "ve_k1_c belongs to the V/e- non-linearity; set ve_nonlinearity, e.g. 1.0"
+                "ve_k1_c needs the V/e- non-linearity; set ve_nonlinearity, e.g. 1.0"
             )
         return self
 
@@ -83,7 +83,7 @@ class SenseNode(Stage):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> Stage:
-        """Linear, unless the datasheet has a V/e non-linearity that a full well shows."""
+        """Return a linear node, unless the V/e non-linearity shows at full well."""
         gain, readout = sense_gain_v_per_e(camera), camera.readout
         if ve_nonlinearity_at_full_well(camera):
             return NonlinearSenseNode(gain, readout.v_ref_v, readout.ve_nonlinearity)
@@ -95,7 +95,7 @@ class SenseNode(Stage):
         return self.gain_v_per_e
 
     def sample(self, electrons: Electrons, frame: Frame) -> Array:
-        """Electrons → swing (H, W) [V]."""
+        """Return the swing (H, W) [V]."""
         return frame.number(self.gain_v_per_e) * electrons.total
 
 
@@ -117,7 +117,7 @@ class NonlinearSenseNode(Stage):
         return self.gain_v_per_e
 
     def sample(self, electrons: Electrons, frame: Frame) -> Array:
-        """Electrons → swing (H, W) [V], below V_REF/α."""
+        """Return the swing (H, W) [V], below V_REF/α."""
         return frame.number(-self.v_ref_v / self.alpha) * arrays.expm1(
             frame.number(-self._rate) * electrons.total
         )

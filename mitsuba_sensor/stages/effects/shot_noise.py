@@ -12,22 +12,22 @@ from ...core import CountedElectrons, Electrons, Frame, arrays
 from ..datasheet import FileTable, Positive, optional
 from ..stage import Datasheet, ElectronCounter
 
-Share = Annotated[float, Field(gt=0, le=0.9999, strict=True)]
-MOST_RESETS = 3
+PartOfExposure = Annotated[float, Field(gt=0, le=0.9999, strict=True)]
+RESETS_MAX = 3
 SOURCES = ("photon_shot", "shot_behind_reset_1", "shot_behind_reset_2", "shot_behind_reset_3")
-"""Noise sources of the parts of an exposure with partial resets."""
+"""Random streams of the parts of an exposure with partial resets."""
 
 LEFT, RIGHT = "left", "right"
-"""Photodiodes of a dual pixel: of their streams of random numbers, and of their read-outs."""
+"""Photodiodes of a dual pixel: names of their random streams and readouts."""
 
 
 class ResetFields(FileTable):
     """Partial resets of the well during the exposure."""
 
     partial_resets: Annotated[
-        tuple[tuple[Share, Positive], ...], Field(max_length=MOST_RESETS)
+        tuple[tuple[PartOfExposure, Positive], ...], Field(max_length=RESETS_MAX)
     ] = optional(
-        "partial resets during the exposure, which make the response piecewise linear: share of the "
+        "partial resets during the exposure, which make the response piecewise linear: fraction of the "
         "exposure time, and the electrons that the reset leaves [e-]",
         [[0.9, 8000]],
         (),
@@ -37,11 +37,11 @@ class ResetFields(FileTable):
     @model_validator(mode="after")
     def _resets_follow_each_other(self) -> Self:
         resets = self.partial_resets
-        for (share, level_e), (later, higher_e) in pairwise(resets):
-            if later <= share or higher_e <= level_e:
+        for (first, level_e), (later, higher_e) in pairwise(resets):
+            if later <= first or higher_e <= level_e:
                 raise ValueError(
-                    f"partial_resets has [{later:g}, {higher_e:g}] behind [{share:g}, {level_e:g}]; each comes later "
-                    "and leaves more than the one before"
+                    f"partial_resets has [{later:g}, {higher_e:g}] after [{first:g}, {level_e:g}]; each must come "
+                    "later and leave more electrons than the previous one"
                 )
         return self
 
@@ -50,10 +50,10 @@ class ResetFields(FileTable):
 class ShotNoise(ElectronCounter):
     """Poisson(light) + Poisson(dark), in *detected* electrons (paper eq. 13, 17 corrected).
 
-    The two are drawn as one Poisson(light + dark). Where they are needed apart, each electron of that count is a dark
-    electron with chance dark/(light + dark), by a random number of its own: the count is the same.
+    They are drawn as one Poisson(light + dark). If they are needed separately, each electron of that count is a dark
+    electron with probability dark/(light + dark); the count stays the same.
 
-    Thinning a Poisson stream of photons by QE leaves a Poisson stream, so var/mean = 1 here, not QE.
+    A Poisson stream of photons thinned by QE is a Poisson stream, so var/mean is 1, not QE.
     """
 
     domain = "electrons"
@@ -63,7 +63,7 @@ class ShotNoise(ElectronCounter):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> ShotNoise:
-        """Every camera has it; with partial resets it is counted in the parts between them."""
+        """Return the shot noise of dual pixels, of partial resets, or of plain pixels."""
         if camera.sensor.dual_pixel:
             return DualPixelShotNoise()
         if camera.pixel.partial_resets:
@@ -71,7 +71,7 @@ class ShotNoise(ElectronCounter):
         return cls()
 
     def sample(self, mean: Electrons, frame: Frame) -> Electrons:
-        """Poisson counts; of light and dark current as one, but where light is still interactions, not electrons."""
+        """Return Poisson counts, of light and dark current together unless light is interactions."""
         light, dark = mean.light, mean.dark
         if not arrays.any_positive(dark):
             return replace(mean, light=frame.poisson("photon_shot", light), dark=0.0)
@@ -87,20 +87,20 @@ class ShotNoise(ElectronCounter):
 
 @dataclass(frozen=True)
 class DualPixelShotNoise(ShotNoise):
-    """Poisson counts of the two photodiodes of a dual pixel, added up: each draws the electrons of its own read-out.
+    """Sum of the Poisson counts of the two photodiodes of a dual pixel, each as in its own readout.
 
-    The law of the sum is that of one photodiode. The dark current is half in each.
+    The sum has the distribution of one photodiode. Each has half of the dark current.
     """
 
     label = ShotNoise.label
 
     @classmethod
     def key(cls) -> str:
-        """That of the shot noise of one photodiode."""
+        """Return the key of ShotNoise."""
         return ShotNoise.key()
 
     def sample(self, mean: Electrons, frame: Frame) -> Electrons:
-        """Mean electrons of both photodiodes → whole electrons of both."""
+        """Return whole electrons of both photodiodes."""
         half, light = frame.number(0.5), mean.light
         share = half if mean.left_share is None else mean.left_share
         dark = half * mean.dark
@@ -116,10 +116,10 @@ class DualPixelShotNoise(ShotNoise):
 
 @dataclass(frozen=True)
 class ShotNoiseWithResets(ShotNoise):
-    """Poisson counts of the parts of the exposure between partial resets of the well, each of which leaves so much.
+    """Poisson counts of the parts of the exposure between partial resets of the well.
 
-    n = min(n + Poisson(μ·Δt), level) at each reset: the response is piecewise linear, and behind the last reset the
-    variance is that of the electrons since then.  resets : share of the exposure time, and level [e-], of each.
+    n = min(n + Poisson(μ·Δt), level) at each reset: the response is piecewise linear, and after the last reset the
+    variance is that of the electrons since then.  resets : fraction of the exposure time, and level [e-], of each.
     """
 
     resets: tuple[tuple[float, float], ...] = ()
@@ -127,11 +127,11 @@ class ShotNoiseWithResets(ShotNoise):
     is_poisson: ClassVar[bool] = False
 
     def sample(self, mean: Electrons, frame: Frame) -> Electrons:
-        """Mean electrons → whole electrons."""
+        """Return whole electrons."""
         begin, left, mean_e = 0.0, 0.0, mean.total
-        for number, (share, level_e) in enumerate(self.resets):
-            left = left + frame.poisson(SOURCES[number], frame.number(share - begin) * mean_e)
-            left, begin = arrays.minimum(left, frame.number(level_e)), share
+        for number, (end, level_e) in enumerate(self.resets):
+            left = left + frame.poisson(SOURCES[number], frame.number(end - begin) * mean_e)
+            left, begin = arrays.minimum(left, frame.number(level_e)), end
         last = SOURCES[len(self.resets)]
         count = left + frame.poisson(last, frame.number(1 - begin) * mean_e)
         return CountedElectrons(
@@ -140,8 +140,8 @@ class ShotNoiseWithResets(ShotNoise):
 
 
 def left_by_resets(resets: tuple[tuple[float, float], ...], mean_e: float) -> float:
-    """Electrons in the well at the end of an exposure with these resets, of so many mean electrons, without noise."""
+    """Return the electrons at the end of an exposure with these resets, without noise."""
     begin, left = 0.0, 0.0
-    for share, level_e in resets:
-        left, begin = min(left + (share - begin) * mean_e, level_e), share
+    for end, level_e in resets:
+        left, begin = min(left + (end - begin) * mean_e, level_e), end
     return left + (1 - begin) * mean_e

@@ -36,7 +36,7 @@ class SourceFollower(LinearGain):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> Stage:
-        """Linear, unless the datasheet has a V/V non-linearity."""
+        """Return a linear amplifier, unless the datasheet has a V/V non-linearity."""
         follower = camera.source_follower
         if follower.vv_nonlinearity == 1:
             return SourceFollower(follower.gain)
@@ -63,7 +63,7 @@ class NonlinearSourceFollower(Stage):
         return self.gain
 
     def sample(self, swing: Array, frame: Frame) -> Array:
-        """Swing through the parabola."""
+        """Return the swing after the parabola."""
         return (frame.number(self.gain) * swing) * (1 + frame.number(self._bend) * swing)
 
     @property
@@ -89,5 +89,5 @@ class CdsGain(LinearGain):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> CdsGain:
-        """The gain of the datasheet."""
+        """Return the stage with the gain of the datasheet."""
         return cls(camera.readout.cds_gain)

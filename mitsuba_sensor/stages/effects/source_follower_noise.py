@@ -1,62 +1,59 @@
-"""Read noise of the source follower: normal, or with the tails that a camera was measured to have."""
+"""Read noise of the source follower: normal, or with measured tails."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ...core import Array, Frame, SensorWindow, arrays
-from ...core.backend import Backend
+from ...core import Array, Frame, SensorWindow
 from ...core.noise_distributions import NoiseDistribution, StudentT, TukeyLambda
 from ...core.special import EULER_GAMMA, integral, sinh_integrals, two_term_remainder
 from ..datasheet import Chance, FileTable, NotNegative, Positive, optional
-from ..fpn_distributions import LogNormal
+from ..fpn_distributions import LogNormal, Sites
 from ..gains import sense_gain_v_per_e
 from ..stage import Datasheet, ElectronMaps
 from ..usual_range import NS_TO_SECONDS, US_TO_SECONDS, VOLTS_TO_NV, Usual
 
 NOTED = 0.01
-"""A band that leaves out more than this of the noise is worth a note."""
+"""A band that excludes more than this fraction of the noise gives a note."""
 
-LARGEST_CV = 5.0
-"""Spread of the read noise up to which the rms of the pixels that are drawn is right within 0.1 %."""
-
+CV_MAX = 5.0
+"""Up to this spread of the read noise the rms of the drawn pixels is right within 0.1 %."""
 
 DISTRIBUTIONS: dict[str, tuple[type[NoiseDistribution], float, float]] = {
     "tukey_lambda": (TukeyLambda, -0.45, 0.2),
     "student": (StudentT, 2.5, 1000.0),
 }
-"""Read noises that are not normal, with the range of their shape: the variance is finite above −0.5 and above 2, and
-beyond the other end the law has lighter tails than any camera measured, or is normal."""
+"""Distributions of the read noise and the range of their shape: the variance is finite above −0.5 and 2; beyond the
+other end tails are lighter than any camera's, or normal."""
 
 CdsTime = Annotated[Positive, Usual.of(1e-9, 0.1, US_TO_SECONDS, NS_TO_SECONDS)]
 
 READ_NOISE = "read_noise"
-"""Name of the map of every pixel's σ."""
+"""Map of every pixel's σ."""
 
 NOISY_SITE = "noisy_site"
-"""Random numbers that pick the noisy pixels."""
+"""Random stream that selects the noisy pixels."""
 
 
 class SourceFollowerNoiseFields(FileTable):
-    """Noise of the pixel's amplifier, from its densities (closed form) or as the datasheet's one number."""
+    """Noise of the pixel's amplifier, one number or noise densities."""
 
-    cmos_only: ClassVar[Mapping[str, float | str]] = {"rtn_uv": 0.0}
+    cmos_only = ("rtn_uv",)
     read_noise_e: Annotated[NotNegative | None, Usual(0.05, 500)] = optional(
-        "read noise as a datasheet gives it, instead of white_nv_per_rthz [e- rms]", 3
+        "read noise of the datasheet, instead of white_nv_per_rthz [e- rms]", 3
     )
-    read_noise_cv: Annotated[NotNegative, Field(le=LARGEST_CV)] = optional(
-        "spread of the read noise over pixels: σ over mean of a log-normal law; their rms stays as given",
+    read_noise_cv: Annotated[NotNegative, Field(le=CV_MAX)] = optional(
+        "spread of the read noise over pixels: σ over mean of a log-normal distribution; the rms stays as given",
         0.3,
         0.0,
     )
     noisy_pixel_fraction: Chance = optional(
         "fraction of the pixels whose read noise is noisy_pixel_factor times that of the others; the rms "
-        "of all stays as given",
+        "over all pixels stays as given",
         0.02,
         0.0,
         title="noisy pixels, high-RTS pixels",
@@ -114,7 +111,7 @@ class SourceFollowerNoiseFields(FileTable):
     def _one_read_noise(self) -> Self:
         if self.read_noise_e is not None and self.white_nv_per_rthz is not None:
             raise ValueError(
-                "give either read_noise_e or white_nv_per_rthz (with corner_hz, …), and not both"
+                "give either read_noise_e or white_nv_per_rthz (with corner_hz, …), not both"
             )
         if self.read_noise_e is None and self.white_nv_per_rthz is None:
             raise ValueError(
@@ -123,7 +120,7 @@ class SourceFollowerNoiseFields(FileTable):
             )
         if self.band_hz is not None and self.band_hz[1] <= self.band_hz[0]:
             raise ValueError(
-                f"band_hz is {list(self.band_hz)}; its second frequency must be the higher one"
+                f"band_hz is {list(self.band_hz)}; the second frequency must be higher than the first"
             )
         return self
 
@@ -134,7 +131,7 @@ class SourceFollowerNoiseFields(FileTable):
 
     @classmethod
     def notes_of(cls, camera: Datasheet) -> tuple[str, ...]:
-        """One where band_hz leaves out more than 1 % of the noise."""
+        """A note if band_hz excludes more than 1 % of the noise."""
         follower = camera.source_follower
         if follower.read_noise_e is not None or follower.band_hz is None:
             return ()
@@ -149,17 +146,17 @@ class SourceFollowerNoiseFields(FileTable):
         )
         return (
             f"source_follower.band_hz {list(follower.band_hz)} leaves {left:.3g} of {of:.3g} e- of read noise, "
-            f"{100 * inside / whole:.3g} %; leave it out for the noise of all frequencies",
+            f"{100 * inside / whole:.3g} %; omit it for the noise of all frequencies",
         )
 
 
 def check_shape(distribution: str, shape: float | None) -> None:
-    """Raise ValueError for a shape that this distribution of the read noise does not have."""
+    """Raise ValueError if this distribution of the read noise does not allow the shape."""
     if distribution == "normal":
         if shape is None:
             return
         raise ValueError(
-            f"read_noise_shape is {shape:g}, and a normal read noise has none; leave it out, or set "
+            f"read_noise_shape is {shape:g}, but normal read noise has no shape; omit it, or set "
             'read_noise_distribution to "tukey_lambda" or "student"'
         )
     _, low, high = DISTRIBUTIONS[distribution]
@@ -169,19 +166,19 @@ def check_shape(distribution: str, shape: float | None) -> None:
         else:
             said = f"is {shape:g}"
         raise ValueError(
-            f"read_noise_shape {said}; that of {distribution} must be from {low:g} to {high:g}"
+            f"read_noise_shape {said}; for {distribution} it must be from {low:g} to {high:g}"
         )
 
 
 @dataclass(frozen=True)
 class SourceFollowerNoise(ElectronMaps):
-    """Adds σ_V·z, signed and not rounded (paper eq. 19–24, in closed form), z normal unless the camera says otherwise.
+    """Adds σ_V·z, signed and not rounded (paper eq. 19–24, in closed form).
 
     sigma_v : at the sense node, after CDS, root mean square over the pixels [V rms].
-    cv : coefficient of variation of a log-normal σ from pixel to pixel; 0 for pixels that are all alike.
+    cv : coefficient of variation of the log-normal σ of the pixels.
     gain_v_per_e : one electron at this stage [V/e-].
     distribution : of z; None for a normal one.
-    noisy_fraction, noisy_factor : of the pixels that have so many times the noise of the others.
+    noisy_fraction, noisy_factor : fraction of noisy pixels, and their noise over that of the others.
     """
 
     sigma_v: float
@@ -197,7 +194,7 @@ class SourceFollowerNoise(ElectronMaps):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> SourceFollowerNoise:
-        """From the read noise, or from the densities; a CCD has one amplifier and no telegraph noise."""
+        """Return the stage for the read noise or the densities of the datasheet; a CCD has no telegraph noise."""
         follower, per_e = camera.source_follower, sense_gain_v_per_e(camera)
         kind = DISTRIBUTIONS.get(follower.read_noise_distribution)
         return cls(
@@ -210,7 +207,7 @@ class SourceFollowerNoise(ElectronMaps):
         )
 
     def sample(self, swing: Array, frame: Frame) -> Array:
-        """Swing with noise."""
+        """Return the swing with noise."""
         if self.sigma_v == 0 and READ_NOISE not in frame.window.given:
             return swing
         z = frame.distributed("source_follower", self.distribution)
@@ -221,20 +218,20 @@ class SourceFollowerNoise(ElectronMaps):
         )
 
     def fpn_maps(self, window: SensorWindow) -> dict[str, Array]:
-        """``read_noise``: σ of every pixel [e- rms], where the pixels have noise of their own."""
+        """Return ``read_noise``, σ of every pixel [e- rms], if pixels differ."""
         if self._differs:
             return {READ_NOISE: window.measured_or(READ_NOISE, lambda: self._sigma_e(window))}
         return {}
 
     def gains_of_maps(self) -> dict[str, float]:
-        """A_SN [V/e-]."""
+        """Return A_SN [V/e-]."""
         if self._differs:
             return {READ_NOISE: self.gain_v_per_e}
         return {}
 
     @property
     def _differs(self) -> bool:
-        """Whether pixels differ in noise."""
+        """Whether the noise of pixels differs."""
         return self.cv > 0 or (self.noisy_fraction > 0 and self.noisy_factor > 1)
 
     def _sigma_e(self, window: SensorWindow) -> Array:
@@ -242,19 +239,15 @@ class SourceFollowerNoise(ElectronMaps):
         mean_square *= 1 + self.cv**2
         scale = window.number(self.sigma_v / self.gain_v_per_e / math.sqrt(mean_square))
         if self.noisy_fraction:
-            scale = scale * window.fixed_map(NOISY_SITE, self._factor_from_bits)
+            factors = Sites(self.noisy_fraction, self.noisy_factor, 1.0)
+            scale = scale * window.fixed_map(NOISY_SITE, factors)
         if self.cv:
             return scale * LogNormal(self.cv).map_of(window, READ_NOISE)
         return scale
 
-    def _factor_from_bits(self, backend: Backend, bits: Array) -> Array:
-        """Noise of the pixels over that of those that are not noisy."""
-        noisy, quiet = backend.number(self.noisy_factor), backend.number(1.0)
-        return arrays.where(backend.uniform(bits) < self.noisy_fraction, noisy, quiet)
-
 
 def read_noise_v(camera: Datasheet) -> float:
-    """Read noise at the sense node, as given or from its densities [V rms]."""
+    """Return the read noise at the sense node, as given or from its densities [V rms]."""
     follower = camera.source_follower
     if follower.read_noise_e is None:
         return float(cds_noise(camera).sigma_v / follower.gain)
@@ -262,7 +255,7 @@ def read_noise_v(camera: Datasheet) -> float:
 
 
 def cds_noise(camera: Datasheet) -> CdsNoise:
-    """The noise of a camera that gives densities."""
+    """Return the noise of a camera with noise densities."""
     follower = camera.source_follower
     return CdsNoise(
         white_nv_per_rthz=follower.white_nv_per_rthz or 0.0,
@@ -277,12 +270,12 @@ def cds_noise(camera: Datasheet) -> CdsNoise:
 
 @dataclass(frozen=True)
 class CdsNoise:
-    """White, flicker and random telegraph noise of a source follower, seen through a CDS of sample time t_s.
+    """White, flicker and random telegraph noise of a source follower after CDS.
 
     white_nv_per_rthz : white noise density W [nV/√Hz].  corner_hz : flicker corner f_c [Hz].
     sample_s : time between the two samples t_s [s].  dominant_s : time constant τ_D of the CDS, usually t_s/2 [s].
     rtn_uv, rtn_s : step ΔV [µV] and time constant τ_RTN [s] of the telegraph noise.
-    band_hz : from and to which frequency noise counts [Hz]; all of them, in closed form, when None.
+    band_hz : lowest and highest frequency of the noise [Hz]; None for all frequencies, in closed form.
     """
 
     white_nv_per_rthz: float
@@ -348,7 +341,7 @@ class CdsNoise:
         return 0.0
 
     def _edges_hz(self) -> list[float]:
-        """The band cut at the zeros of the CDS, so that no piece holds more than one hump; at most 4000 of them."""
+        """Return the band divided at the first 4000 zeros of the CDS, so that each piece has one maximum."""
         low, high = self.band_hz  # type: ignore[misc]
         first, last = math.floor(low * self.sample_s) + 1, math.ceil(high * self.sample_s)
         return [low, *(k / self.sample_s for k in range(first, min(last, first + 4000))), high]

@@ -1,4 +1,4 @@
-"""Temporal row and column noise (EMVA 1288 σ_row, σ_col), jitter of the black level: offsets new in each frame."""
+"""Temporal row and column noise (EMVA 1288 σ_row, σ_col), black-level jitter: offsets that change with each frame."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from ..stage import Datasheet, Stage
 
 
 class TemporalRowNoiseFields(FileTable):
-    """Noise that the pixels of a row share."""
+    """Noise common to the pixels of a row."""
 
     row_noise_e: NotNegative = optional("temporal row noise σ_row [e- rms]", 0.3, 0.0)
 
 
 class TemporalColumnNoiseFields(FileTable):
-    """Noise that the pixels of a column share."""
+    """Noise common to the pixels of a column."""
 
     column_noise_e: NotNegative = optional("temporal column noise σ_col [e- rms]", 0.2, 0.0)
 
 
 class TemporalFrameNoiseFields(FileTable):
-    """Noise that all pixels of a frame share."""
+    """Noise common to all pixels of a frame."""
 
     frame_noise_e: NotNegative = optional(
-        "jitter of the black level: σ of an offset of the whole frame, new in each frame [e- rms]",
+        "jitter of the black level: σ of a random offset of each whole frame [e- rms]",
         0.3,
         0.0,
         title="jitter of the black level, frame-to-frame offset",
@@ -36,10 +36,10 @@ class TemporalFrameNoiseFields(FileTable):
 
 @dataclass(frozen=True)
 class TemporalLineNoise(Stage):
-    """Adds σ·gain·z, one z for each line, or one for all pixels, in each frame.
+    """Adds σ·gain·z, in each frame one z for each line or for all pixels.
 
     sigma_e : σ as electrons at the sense node [e- rms].  gain_v_per_e : one electron at this stage [V/e-].
-    draw : method of a frame that draws one normal number for each line, or one for all.
+    draw : method of Frame that draws one normal number for each line, or one for all.
     """
 
     sigma_e: float
@@ -51,7 +51,7 @@ class TemporalLineNoise(Stage):
 
     @classmethod
     def from_camera(cls, camera: Datasheet) -> Self | None:
-        """None where the datasheet has no such noise: the one field of the stage."""
+        """Return None if the stage's one field is 0."""
         (field,) = cls.fields.model_fields
         sigma_e = getattr(camera.readout, field)
         if not sigma_e:
@@ -59,7 +59,7 @@ class TemporalLineNoise(Stage):
         return cls(sigma_e, sense_gain_v_per_e(camera) * camera.source_follower.gain)
 
     def sample(self, swing: Array, frame: Frame) -> Array:
-        """Swing with the offsets of this frame."""
+        """Return the swing with the offsets of this frame."""
         if self.sigma_e == 0:
             return swing
         return swing + frame.number(self.sigma_e * self.gain_v_per_e) * getattr(
@@ -69,7 +69,7 @@ class TemporalLineNoise(Stage):
 
 @dataclass(frozen=True)
 class TemporalRowNoise(TemporalLineNoise):
-    """Every row has an offset, new in each frame: horizontal stripes that move."""
+    """Each row has a random offset in each frame: horizontal stripes that move."""
 
     fields = TemporalRowNoiseFields
     terms = "temporal row noise σ_row (E)"
@@ -78,7 +78,7 @@ class TemporalRowNoise(TemporalLineNoise):
 
 @dataclass(frozen=True)
 class TemporalColumnNoise(TemporalLineNoise):
-    """Every column has an offset, new in each frame: vertical stripes that move."""
+    """Each column has a random offset in each frame: vertical stripes that move."""
 
     fields = TemporalColumnNoiseFields
     terms = "temporal column noise σ_col (E)"
@@ -87,10 +87,9 @@ class TemporalColumnNoise(TemporalLineNoise):
 
 @dataclass(frozen=True)
 class TemporalFrameNoise(TemporalLineNoise):
-    """All pixels have one offset, new in each frame: the black level jitters.
+    """All pixels have one random offset in each frame: the black level jitters.
 
-    Noise of a clamp or of a reference makes the means of dark frames scatter by far more than the
-    noise of their pixels explains.
+    Noise of a clamp or a reference makes the means of dark frames vary far more than the noise of their pixels.
     """
 
     fields = TemporalFrameNoiseFields

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 import mitsuba_sensor as ms
 
 BASE = ms.load_camera("konnik_table1")
-BAYER = ms.load_camera("bayer_2mp")
 SHORT = ms.Exposure(0.1)
 LOPSIDED = np.array([[0.005, 0.02, 0.01], [0.03, 0.85, 0.015], [0.0, 0.025, 0.002]])
 FAR = np.pad(0.8 * LOPSIDED, 1) + np.diag([0.01, 0.0, 0.05, 0.0, 0.02])
@@ -69,32 +68,6 @@ def test_counts_stay_poisson_and_neighbours_independent() -> None:
     assert noise.var() / expected == pytest.approx(1.0, abs=3 * 2**0.5 / 512)
     for other in (np.roll(noise, 1, axis=0), np.roll(noise, 1, axis=1)):
         assert abs((noise * other).mean() / noise.var()) < 3 / 512
-
-
-@pytest.mark.parametrize("origin", [(0, 0), (1, 0), (3, 5)])
-def test_the_colours_of_a_flat_field_behind_a_bayer_mosaic_mix_in_closed_form(
-    origin: tuple[int, int],
-) -> None:
-    """With α to each of four neighbours: R' = (1 − 4α)R + 4αG, G' = (1 − 4α)G + 2αR + 2αB, B' like R', up to every
-    edge of the window; and the same where only pixels behind R give."""
-    share = 0.03
-    kernel = [[0.0, share, 0.0], [share, 1 - 4 * share, share], [0.0, share, 0.0]]
-    light = ms.Photons(np.full((6, 7, 3), 1e3), np.array([450.0, 550.0, 620.0]))
-    r, g, b = BAYER.qe([450.0, 550.0, 620.0]).sum(axis=1) * 1e3
-    keeps, names = 1 - 4 * share, BAYER.filter_index((6, 7), origin)
-    every = mean_e(BAYER.replace(**{MIXING: kernel}), light, origin=origin)
-    mixed = np.array(
-        [
-            keeps * r + 4 * share * g,
-            keeps * g + 2 * share * (r + b),
-            keeps * b + 4 * share * g,
-        ]
-    )
-    np.testing.assert_allclose(every, mixed[names], rtol=1e-12)
-    of_red = mean_e(BAYER.replace(**{f"{MIXING}_from": {"R": kernel}}), light, origin=origin)
-    np.testing.assert_allclose(
-        of_red, np.array([keeps * r, g + 2 * share * r, b])[names], rtol=1e-12
-    )
 
 
 def readout_means_e(camera: ms.Camera, light: ms.Photons, **options: Any) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.sensor_window import SensorWindow
@@ -58,27 +57,6 @@ LONG = {
 
 HOT = {"weight": 0.01, "family": "uniform", "low": 5e3, "high": 3e4, "unit": "e_per_s"}
 """1 % hot pixels of 5000 to 30 000 e-/s at 300 K."""
-
-
-def test_the_superimposed_pixels_are_as_many_and_as_spread_as_they_should_be() -> None:
-    """400 000 pixels: the share within 5 σ of the binomial model, the uniform part by Kolmogorov-Smirnov (P < 1e-6).
-
-    One pixel in a thousand carries 93 % of the variance, so the mixture's own σ is known to 14 % only (5 se); main
-    part and uniform part are therefore looked at apart: mean of the main part to 0.03 %, its σ to 0.6 %.
-    """
-    x = K * dark_map(TABLE1.replace(**LONG), 1.0, (800, 500)).ravel()
-    hot = x > 70
-    model = stats.gamma(914.6579, scale=0.0611)
-    expected = 0.001 * (440 - 70) / 395
-    assert hot.mean() == pytest.approx(expected, abs=5 * math.sqrt(expected / x.size))
-    assert stats.kstest(x[hot], stats.uniform(70, 370).cdf).pvalue > 1e-6
-    main = x[~hot]
-    assert main.mean() == pytest.approx(
-        model.mean(), abs=5 * model.std() / math.sqrt(main.size) + 1e-3
-    )
-    assert main.std() == pytest.approx(model.std(), rel=0.006 + 2e-3)
-    assert x.mean() == pytest.approx(56.0722, abs=5 * 7.1557 / math.sqrt(x.size))
-    assert x.std() == pytest.approx(7.1557, rel=0.14)
 
 
 @pytest.mark.parametrize(("unit", "one_e"), [("e", 1.0), ("e_per_s", 2.0), ("dn", 1 / K)])

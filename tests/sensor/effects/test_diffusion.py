@@ -58,26 +58,6 @@ def test_shares_are_those_of_a_gaussian_averaged_over_two_pixels(
     np.testing.assert_allclose(found, found[::-1, ::-1], atol=1e-12)
 
 
-@pytest.mark.exhaustive
-def test_galsim_has_the_same_shares() -> None:
-    """A Gaussian convolved with two pixels, within 1e-6."""
-    galsim = pytest.importorskip("galsim")
-    exact = galsim.GSParams(
-        folding_threshold=1e-7,
-        maxk_threshold=1e-8,
-        kvalue_accuracy=1e-10,
-        maximum_fft_size=8192,
-    )
-    parts = galsim.Gaussian(sigma=5.0), galsim.Pixel(5.0), galsim.Pixel(5.0)
-    profile = galsim.Convolve(parts, gsparams=exact)
-    square = WIDE.replace(**{"pixel.pitch_y_um": 5.0})
-    light = np.zeros((31, 31, 1))
-    light[15, 15] = 1e4
-    found = collected(square, ms.Photons(light, np.array([800.0]))) / 5e3
-    drawn = profile.drawImage(nx=31, ny=31, scale=5.0, method="no_pixel").array
-    np.testing.assert_allclose(found, drawn, atol=1e-6, rtol=0)
-
-
 def test_no_electron_is_lost_and_even_light_stays_even() -> None:
     assert of_one_pixel(800.0).sum() == pytest.approx(1.0, rel=1e-6)
     even = ms.Photons(np.full((20, 30, 2), 500.0), np.array([450.0, 750.0]))

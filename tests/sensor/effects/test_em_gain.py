@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import scipy.special
 import scipy.stats
-from helpers.marks import exhaustive, one_in
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
@@ -59,7 +58,7 @@ def test_the_excess_noise_is_that_of_a_branching_process(gain: float, elements: 
     assert EmGain(gain, elements).excess_noise == pytest.approx(variance / gain**2, rel=1e-9)
 
 
-@pytest.mark.parametrize("electrons", one_in(3, [1, 2, 3]))
+@pytest.mark.parametrize("electrons", [1, 3])
 def test_the_law_of_few_electrons_is_near_that_of_the_register(electrons: int) -> None:
     """Kolmogorov distance below 0.02 of 20 000 electrons that are multiplied element by element; chance alone makes
     more than 0.0163 once in 100."""
@@ -138,36 +137,20 @@ def test_a_full_register_saturates_the_pixel() -> None:
     np.testing.assert_array_equal(frames.electrons, 90_000.0)
 
 
-def test_a_full_register_has_the_read_noise_alone() -> None:
-    """Nearly 100 electrons for 20 fill it for certain: what is left is noise behind the register, and rounding."""
-    camera = EMCCD.replace(**{"readout.em_full_well_e": 6000.0})
-    with pytest.warns(UserWarning):
-        frames = ms.expose(light_of(100.0), camera, COLD, frames=4)
-    last = frames.report["stages"][-1]
-    sigma_dn = frames.digital.astype(float).var(axis=0, ddof=1).mean() ** 0.5
-    assert last["sigma_temporal_expected"] == pytest.approx(sigma_dn, rel=0.01)
-
-
 @pytest.mark.parametrize(
     ("electrons", "fields", "off"),
     [
-        (0.0, {}, 0.003),
         (0.2, {}, 0.006),
         (1.0, {}, 0.003),
-        (3.0, {}, 0.003),
-        (100.0, {}, 0.003),
         (700.0, {}, 0.003),
         (1.0, {"adc.black_level_dn": 10.0}, 0.004),
-        exhaustive(330.0, {"readout.em_full_well_e": 1e5}, 0.006),
-        exhaustive(400.0, {"readout.em_full_well_e": 1e5}, 0.02),
     ],
 )
 def test_clean_frame_and_its_variance_are_near_the_frames(
     electrons: float, fields: dict[str, Any], off: float
 ) -> None:
     """Mean within 0.004 σ, σ within 0.3 % where nothing clips, which are 3 and 4 standard errors of 2^19 pixels (0.2
-    electrons have a long tail: 0.6 %), also where the converter clips dark pixels. A part of the pixels fills the
-    register at 330 electrons, most at 400, where few make the noise: 0.6 and 2 % of σ."""
+    electrons have a long tail: 0.6 %), also where the converter clips dark pixels."""
     frames = ms.expose(light_of(electrons), EMCCD.replace(**fields), COLD, frames=8)
     codes, sigma = frames.digital.astype(float), frames.temporal_variance.mean() ** 0.5
     assert codes.std() / sigma == pytest.approx(

@@ -55,19 +55,6 @@ def test_charge_is_conserved_over_a_sequence() -> None:
         assert sequence_e(camera, levels).sum() == pytest.approx(sum(levels), rel=1e-12)
 
 
-def test_counts_stay_poisson_and_successive_frames_independent() -> None:
-    """Variance over mean is 1, and two frames have no covariance, within 3 standard errors of 2^18 counts; shares that
-    were not whole electrons would make these 0.51 and 0.5 at f = 0.5."""
-    camera = QUIET.replace(**{"quantum_efficiency.image_lag": 0.5})
-    light = after(np.full((512, 512), 3000.0), np.full((512, 512), 5000.0))
-    kept = ms.expose(light, camera, SHORT, frames=2, keep="electrons").electrons
-    assert kept is not None
-    first, second = (one.astype(float) - 4000.0 for one in kept)
-    assert kept.mean() == pytest.approx(4000.0, abs=3 * (4000 / 2**19) ** 0.5)
-    assert first.var() / 4000 == pytest.approx(1.0, abs=3 * 2**0.5 / 512)
-    assert abs((first * second).mean()) / 4000 < 3 / 512
-
-
 def test_without_lag_or_change_no_byte_changes() -> None:
     light = np.random.default_rng(4).uniform(0.0, 4e4, (30, 40))
     plain = ms.expose(ms.Photons(light, detected=True), BASE, SHORT, frames=2).digital

@@ -46,17 +46,6 @@ def test_one_bright_pixel_shows_the_kernel(precision: str) -> None:
     np.testing.assert_allclose(shown, expected, rtol=1e-6)
 
 
-@pytest.mark.exhaustive
-def test_galsim_couples_the_same_image_the_same_way() -> None:
-    """Its kernel is of correlation and ours symmetric. At the edges it takes light from nowhere."""
-    galsim = pytest.importorskip("galsim")
-    charge = np.random.default_rng(3).poisson(2000.0, (30, 40)).astype(np.float64)
-    image = galsim.ImageD(charge.copy())
-    image.applyIPC(galsim.ImageD(KERNEL))
-    shown = coupled(charge, InterPixelCapacitance(SIDE, CORNER))
-    np.testing.assert_allclose(shown[1:-1, 1:-1], image.array[1:-1, 1:-1], rtol=1e-12)
-
-
 @pytest.mark.parametrize("shape", [(1, 1), (1, 2), (2, 1), (1, 50), (50, 1), (2, 2), (30, 41)])
 @pytest.mark.parametrize("stage", [(0.2, 0.0), (0.12, 0.1), (0.02, 0.005), (0.0, 0.1)])
 def test_charge_is_conserved_and_a_flat_field_stays_flat_up_to_the_edge(
@@ -69,27 +58,3 @@ def test_charge_is_conserved_and_a_flat_field_stays_flat_up_to_the_edge(
     )
     flat = coupled(np.full(shape, 1234.0), InterPixelCapacitance(*stage))
     np.testing.assert_allclose(flat, 1234.0, rtol=1e-12)
-
-
-def photon_transfer(camera: ms.Camera) -> tuple[float, NDArray[np.float64]]:
-    """Slope of temporal variance against mean between two levels [DN], and the noise of the brighter [DN]."""
-    means, variances = [], []
-    for level in (1e3, 5e4):
-        light = np.full((512, 512), level)
-        pair = ms.expose(light, camera, SHORT, frames=2, engine="numpy").digital.astype(float)
-        noise = (pair[1] - pair[0]) / 2**0.5
-        means.append(pair.mean())
-        variances.append(noise.var())
-    return (variances[1] - variances[0]) / (means[1] - means[0]), noise
-
-
-def test_the_photon_transfer_curve_shows_848_thousandths_of_the_gain_at_2_percent() -> None:
-    """Σk² = (1 − 4α)² + 4α², for the same counts. Correlation of neighbours in a row 2α(1 − 4α)/Σk², as Moore et al.
-    measure it, of two in a diagonal 2α²/Σk²: within 5 of their standard errors, 1/512."""
-    alone, _ = photon_transfer(SHOT_NOISE_ALONE)
-    slope, noise = photon_transfer(SHOT_NOISE_ALONE.replace(**{"readout.ipc_coupling": 0.02}))
-    assert slope / alone == pytest.approx(0.848, rel=0.005)
-    beside = (noise[:, 1:] * noise[:, :-1]).mean() / noise.var()
-    diagonal = (noise[1:, 1:] * noise[:-1, :-1]).mean() / noise.var()
-    assert beside == pytest.approx(2 * 0.02 * 0.92 / 0.848, abs=5 / 512)
-    assert diagonal == pytest.approx(2 * 0.02**2 / 0.848, abs=5 / 512)

@@ -130,7 +130,6 @@ def test_a_file_that_leaves_doubt_is_refused_in_one_sentence(text: str, tmp_path
 
 # Colour filters.
 
-RGBI = [["R", "G"], ["I", "B"]]
 RGB_IR_4X4 = [
     ["B", "G", "R", "G"],
     ["G", "I", "G", "I"],
@@ -140,13 +139,11 @@ RGB_IR_4X4 = [
 CURVES = {"R": [0.1, 0.0], "G": [0.2, 0.0], "B": [0.3, 0.0], "I": [0.4, 0.5]}
 
 
-@pytest.mark.parametrize("origin", [(0, 0), (1, 2), (7, 9)], ids=str)
+@pytest.mark.parametrize("origin", [(0, 0), (7, 9)], ids=str)
 @pytest.mark.parametrize(
     "tile",
     [
-        RGBI,
         RGB_IR_4X4,
-        [["R", "G", "B"]],
         [["R"], ["G"], ["I"]],
         [["G", "R", "I"], ["B", "B", "G"]],
     ],
@@ -199,8 +196,7 @@ def counted(camera: ms.Camera, photons: ms.Photons, shape: tuple[int, int] = (40
     return np.broadcast_to(signal.light, shape)
 
 
-@pytest.mark.parametrize("fano", [0.0, 0.1, 1.0])
-@pytest.mark.parametrize("eta", [1.0, 1.3, 2.0, 3.5])
+@pytest.mark.parametrize(("eta", "fano"), [(1.0, 0.1), (1.3, 0.0), (3.5, 1.0)])
 def test_a_yield_multiplies_the_mean_and_has_the_variance_of_a_compound_law(
     eta: float, fano: float
 ) -> None:

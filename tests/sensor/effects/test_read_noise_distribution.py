@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.marks import one_in
 from scipy import stats
 
 import mitsuba_sensor as ms
@@ -56,7 +55,7 @@ def test_random_bits_become_the_quantiles_of_scipys_law(law: NoiseDistribution) 
     np.testing.assert_allclose(NUMPY_FLOAT32.distributed(bits, law), x, rtol=6e-5)
 
 
-@pytest.mark.parametrize("law", one_in(4, LAWS), ids=str)
+@pytest.mark.parametrize("law", LAWS[::4], ids=str)
 def test_the_variance_of_the_numbers_that_can_be_drawn_is_1(law: NoiseDistribution) -> None:
     """All 2³² of them: the outermost 2¹⁶ one by one, the others in groups of a 4096th of their number.
 
