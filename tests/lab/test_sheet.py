@@ -474,7 +474,7 @@ def test_a_misspelt_folder_of_a_chart_is_named(tmp_path: Path) -> None:
         (("bayer_2mp", "--temperatures", "0"), "kelvin"),
         (("bayer_2mp", "--charts", "edges"), "the charts are"),
         (("konnik_table1", "--charts", "colours"), "needs three"),
-        (("omnivision_split_pixel",), "read-outs"),
+        (("omnivision_split_pixel",), "readouts"),
         (("--frames", "nowhere"), "is not a folder"),
         (("--frames", "."), "no folder of a chart"),
         (("--frames", ".", "--gains", "all"), "--gains"),
