@@ -481,10 +481,10 @@ LINES_OF_A_MODULE, PARAMETERS = 420, 8
 
 TOKENS_MAX = {
     ".": 8031,
-    "bench": 23268,
+    "bench": 23287,
     "benchmarks": 24924,
-    "camera": 25124,
-    "cli": 21392,
+    "camera": 25127,
+    "cli": 21412,
     "core": 24260,
     "dataset": 43354,
     "examples": 8792,
@@ -493,13 +493,13 @@ TOKENS_MAX = {
     "lab": 68955,
     "optics": 17358,
     "output": 24845,
-    "pages": 3425,
-    "render": 79567,
+    "pages": 3457,
+    "render": 79062,
     "reproduction": 10885,
     "sensor": 13828,
     "stages": 31946,
     "study": 9186,
-    "tests": 343808,
+    "tests": 341408,
     "theory": 14642,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

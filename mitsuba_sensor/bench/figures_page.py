@@ -13,8 +13,22 @@ from ..lab.statistics.estimators import z_limit
 from ..pages.page import Drawing, Mark, MarkedRow, Part, Section, Study, study_of, table
 from .datasheet import Datasheet, Said, of_filter
 
-MAIN = ("K", "η", "LE", "σ_d", "µ_e.sat", "SNR_max", "DR", "PRNU1288", "DSNU1288")
-MAIN += ("σ_row", "σ_col", "µ_I.mean", "T_d")
+MAIN = [
+    "K",
+    "η",
+    "LE",
+    "σ_d",
+    "µ_e.sat",
+    "SNR_max",
+    "DR",
+    "PRNU1288",
+    "DSNU1288",
+    "σ_row",
+    "σ_col",
+    "µ_I.mean",
+    "T_d",
+]
+"""Symbols of the main figures."""
 ROOTS = "σ_", "DSNU", "PRNU"
 """Beginnings of the symbols of figures that are roots of variances."""
 INTERVAL_DIGITS, DECIMALS_MAX = 2, 6
@@ -142,11 +156,12 @@ def with_digits(figure: Quantity, said: float | None) -> list[object]:
     if not has_interval(figure):
         return [None, None, None, said]
     numbers: list[Any] = [figure.value, figure.low, figure.high, said]
-    if figure.high > figure.low:
-        half_width = (figure.high - figure.low) / 2
-        decimals = max(INTERVAL_DIGITS - 1 - math.floor(math.log10(half_width)), 0)
-        if decimals <= DECIMALS_MAX:
-            return [None if x is None else f"{x:.{decimals}f}" for x in numbers]
+    if figure.high == figure.low:
+        return [figure.value, None, None, said]
+    half_width = (figure.high - figure.low) / 2
+    decimals = max(INTERVAL_DIGITS - 1 - math.floor(math.log10(half_width)), 0)
+    if decimals <= DECIMALS_MAX:
+        return [None if x is None else f"{x:.{decimals}f}" for x in numbers]
     return numbers
 
 

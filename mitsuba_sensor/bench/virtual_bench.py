@@ -115,8 +115,9 @@ def rendered_field(camera: Camera) -> Field:
     mean = np.asarray(photons.mean, np.float64).mean(axis=(0, 1))
     centres, widths = np.asarray(photons.wavelengths_nm), photons.bandwidths_nm
     even = math.pi * RADIANCE * transmittance(camera, centres) / (4 * camera.lens.f_number**2)
-    bands = {"wavelengths_nm": centres, "bandwidths_nm": widths}
-    computed = collect(even[None, None], camera, second, **bands).total[0, 0]
+    computed = collect(
+        even[None, None], camera, second, wavelengths_nm=centres, bandwidths_nm=widths
+    ).total[0, 0]
     return Field(mean / computed, centres, camera.qe(centres, widths) @ (mean / mean.sum()))
 
 
@@ -141,7 +142,8 @@ def virtual_bench(
     for number, shot in enumerate(shots, start=1):
         stacks[shot.kind].append(_taken(sensor, shot, setup, setup.seed + number, light))
         report(number, len(shots))
-    return Bench(*map(tuple, stacks.values()), wavelength_nm)  # type: ignore[arg-type]
+    biases, darks, flats, scenes = map(tuple, stacks.values())
+    return Bench(biases, darks, flats, scenes, wavelength_nm)
 
 
 def best_wavelength_nm(camera: Camera) -> float:

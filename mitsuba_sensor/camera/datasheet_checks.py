@@ -39,8 +39,9 @@ def wrong_technology(camera: Datasheet) -> Iterator[str]:
         return
     given, neutral = [], []
     for effect in ORDER:
-        for name, off in effect.fields.cmos_only.items() if effect.fields else ():
+        for name in effect.fields.cmos_only if effect.fields else ():
             value = getattr(getattr(camera, effect.table), name)
+            off = "true_cds" if name == "reset" else 0.0
             if value is not None and value != off:
                 given.append(f"{effect.table}.{name} is {value!r}")
                 neutral.append(f"{effect.table}.{name} to {off!r}")

@@ -189,11 +189,13 @@ class Program(Group):
         self.only_names = False
         return proposals
 
-    def make_context(self, info_name: str | None, args: list[str], **more: Click) -> Click:
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: Click = None, **extra: Click
+    ) -> Click:
         """Read the program's own options."""
         as_json = "--json" in args
         try:
-            return super().make_context(info_name, args, **more)
+            return super().make_context(info_name, args, parent, **extra)
         except UsageError as error:
             _tell(error, as_json)
             raise typer.Exit(2) from None

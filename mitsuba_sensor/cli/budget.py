@@ -70,7 +70,11 @@ def budget(
     if sweep:
         assert isinstance(exposure, ms.Exposure)
         return _show_sweep(ms.snr_curve(camera, exposure), as_json, remarks)
-    source = _uniform_light(electrons, camera) if is_uniform else ms.read_irradiance(irradiance)
+    source: ms.Photons | ms.Irradiance
+    if irradiance is None:
+        source = _uniform_light(electrons, camera)
+    else:
+        source = ms.read_irradiance(irradiance)
     if readout is not None:
         camera.at_readout(readout)  # rejects unknown names
     frames = ms.expose(source, camera, exposure, progress=False)

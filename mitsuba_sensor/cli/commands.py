@@ -191,7 +191,7 @@ def plan(
     else:
         if any(value is not None for value in foreign.values()):
             raise InputError(
-                f"{source} is a scene to render; omit --unit, --fov-deg and --layer, which describe an EXR file."
+                f"{source!r} is a scene to render; omit --unit, --fov-deg and --layer, which describe an EXR file."
             )
         given, others = render_input(source, flags)
         settings, camera, exposure = given.scene.settings, given.camera, given.exposure

@@ -44,6 +44,7 @@ class ResultTable(Table):
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Yield the table in at least its smallest width."""
+        smallest = 0
         for i, column in enumerate(self.columns):
             texts = [str(cell) for cell in column.cells]
             if self.has_only_numbers[i] and texts:
@@ -51,7 +52,8 @@ class ResultTable(Table):
             elif i:
                 texts = [word for text in texts for word in text.split()]
             column.min_width = max(map(cell_len, [*texts, *str(column.header).split(), ""]))
-        width = max(sum(column.min_width + 2 for column in self.columns), options.max_width)
+            smallest += column.min_width + 2
+        width = max(smallest, options.max_width)
         yield Text(f"\n{self.above}" if self.above else "", style="bold")
         yield from super().__rich_console__(console, options.update(max_width=width))
         if self.below:

@@ -72,7 +72,7 @@ def read_irradiance(
         if any(given is not None for given in (unit, wavelength_nm, fov_deg, layer)):
             raise InputError(
                 f"{file} is an irradiance.exr, whose unit, wavelengths and lens are known; omit unit=, wavelength_nm=, "
-                "fov_deg= and layer= (--unit, --wavelength-nm, --fov-deg, --layer)."
+                "fov_deg= and layer=."
             )
         return read_irradiance_exr(file)
     if unit not in UNITS:
@@ -80,17 +80,15 @@ def read_irradiance(
         if unit is not None:
             given, near = f"and unit is {unit!r}", nearest(unit, UNITS)
         raise InputError(
-            f"{file} is an EXR of another program (channels {_show_names(names)}) {given}; give unit= (--unit): "
+            f"{file} is an EXR of another program (channels {_show_names(names)}) {given}; give unit=, one of "
             f"{', '.join(UNITS)}.{near}"
         )
     if unit.startswith("radiance") and camera is None:
         raise InputError(
-            f"unit is {unit!r}, which is before the lens; give the camera with the lens (--camera)."
+            f"unit is {unit!r}, which is before the lens; give the camera with the lens in camera=."
         )
     if fov_deg is not None and not unit.startswith("radiance"):
-        raise InputError(
-            f"fov_deg is only for radiance, but unit is {unit!r}; omit it (--fov-deg)."
-        )
+        raise InputError(f"fov_deg is only for radiance, but unit is {unit!r}; omit fov_deg=.")
     if isinstance(camera, str):
         camera = load_camera(camera)
     return _foreign(file, unit, wavelength_nm, camera, fov_deg, layer)
@@ -112,7 +110,7 @@ def _foreign(
     notes, negative = [f"read as {UNITS[unit]}"], 0
     if wavelength_nm is not None and unit not in ("w_per_m2", "radiance_w_per_m2_sr"):
         raise InputError(
-            f"wavelength_nm is only for one channel, but unit is {unit!r}; omit it (--wavelength-nm)."
+            f"wavelength_nm is only for one channel, but unit is {unit!r}; omit wavelength_nm=."
         )
     if unit == "radiance_rgb":
         assert camera is not None
@@ -145,7 +143,7 @@ def _rgb(file: Path, pixels: dict[str, np.ndarray], layer: str | None) -> np.nda
             layers[before] = names
     if not layers:
         raise InputError(
-            f"{file} has no channels R, G and B ({_show_names(pixels)}); give another unit (--unit)."
+            f"{file} has no channels R, G and B ({_show_names(pixels)}); give another unit=."
         )
     return np.stack([pixels[name] for name in _chosen(file, layers, layer)], axis=-1)
 
@@ -158,7 +156,7 @@ def _chosen(file: Path, layers: dict[str, T], layer: str | None) -> T:
         return layers[layer]
     named = ", ".join(repr(name) if name else "channels outside layers" for name in layers)
     if layer is None:
-        raise InputError(f"{file} has several layers; choose layer= (--layer): {named}.")
+        raise InputError(f"{file} has several layers; choose layer=, one of {named}.")
     raise InputError(
         f"{file} has no layer {layer!r}; choose {named}.{nearest(str(layer), layers)}"
     )
@@ -198,7 +196,7 @@ def _spectral(
     if len(names) < 2:
         remedy = "another unit"
         if len(pixels) == 1:
-            remedy = f"{unit.removesuffix('_nm')} and wavelength_nm (--wavelength-nm)"
+            remedy = f"{unit.removesuffix('_nm')} and wavelength_nm="
         raise InputError(
             f"{file} has {len(names)} channels S0.<wavelength>nm ({_show_names(pixels)}), but {unit} needs at "
             f"least two; give {remedy}."
@@ -238,13 +236,13 @@ def _one_channel(
     """Return bands, wavelengths and widths of light of one wavelength."""
     if layer is None and len(pixels) != 1:
         raise InputError(
-            f"{file} has {len(pixels)} channels ({_show_names(pixels)}), but {unit} is for one; choose layer= "
-            "(--layer), or give another unit (--unit)."
+            f"{file} has {len(pixels)} channels ({_show_names(pixels)}), but {unit} is for one; choose layer=, "
+            "or give another unit=."
         )
     image = _chosen(file, {name: [x] for name, x in pixels.items()}, layer)[0]
     if wavelength_nm is None:
         raise InputError(
-            f"unit is {unit!r}, which is for one wavelength; give wavelength_nm, e.g. 550 (--wavelength-nm 550)."
+            f"unit is {unit!r}, which is for one wavelength; give it, e.g. wavelength_nm=550."
         )
     centre_nm = require("wavelength_nm", wavelength_nm, 1.0, 1e5, "nanometres, e.g. 550")
     return image[..., None] / BANDWIDTH_NM, np.array([centre_nm]), np.array([BANDWIDTH_NM])

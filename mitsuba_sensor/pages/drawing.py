@@ -29,7 +29,7 @@ LEVEL_STYLES = ":", "-.", "--"
 """Line styles of the levels of a plot."""
 MARKERS = "osD^vPX*>"
 """One more than the colours, so series differ in both."""
-WIDTH_IN, HEIGHT_IN, ROW_IN, DPI = 6.4, 3.8, 0.26, 160
+WIDTH_IN, HEIGHT_IN, ROW_IN, MARGIN_IN, DPI = 6.4, 3.8, 0.26, 0.1, 160
 LABEL_LETTERS_MAX = 22
 """A legend with a longer label has two columns."""
 LOG_RATIO_MIN = 4.0
@@ -62,6 +62,7 @@ def png(picture: Picture) -> bytes:
 
 def _drawn(picture: Picture, **options: Any) -> bytes:
     import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     buffer = io.BytesIO()
@@ -84,7 +85,8 @@ def _drawn(picture: Picture, **options: Any) -> bytes:
             )
         if options["format"] == "png":
             axes.set_title(picture.title, loc="left", fontsize=10.5)
-        figure.savefig(buffer, bbox_inches="tight", **options)
+        box = figure.get_tightbbox(FigureCanvasAgg(figure).get_renderer())
+        figure.savefig(buffer, bbox_inches=box.padded(MARGIN_IN), **options)
     return buffer.getvalue()
 
 

@@ -69,8 +69,8 @@ class FileOptions(TypedDict, total=False):
     traverse: Annotated[
         Mapping[str, float | Sequence[float]] | None,
         Option(
-            "Set scene parameters by their names in mi.traverse, e.g. lamp.emitter.radiance.value; several numbers are "
-            "comma-separated. Repeatable.",
+            "Set scene parameters by their names in mi.traverse, e.g. lamp.emitter.radiance.value for the emitter of "
+            "the shape with the id lamp; several numbers are comma-separated. Repeatable.",
             flag="--traverse",
             metavar="NAME=VALUE",
             text=list[str],

@@ -30,7 +30,7 @@ SAMPLER = "multijitter"
 
 Its hashed permutations correlate the dimensions of a sample if a pass has few samples. The table shows the mean of
 Π(½ + u) over D numbers of one sample, which should be 1 (3 million samples, Mitsuba 3.9.1; standard errors 0.03, 0.07
-and 0.35 %), and the light behind a slab of fog (random walks of up to 14 scatterings with 10 numbers each, 10 million
+and 0.35 %), and the light behind a slab of fog (random walks of up to 14 scatterings with 10 numbers each, 8 million
 samples; 0.04 %) with its variance relative to "independent":
 
     samples of a pass    D = 8     D = 16    D = 48    light behind fog    variance
@@ -47,7 +47,7 @@ samples; 0.04 %) with its variance relative to "independent":
                    25   −0.3 %    −0.5 %    −2.1 %             +0.04 %        0.57
                    64   +0.1 %     0.0 %    +1.3 %
 
-In three other slabs, passes of 3 are +0.2 to +0.8 % off, passes of 9 −0.0 to 0.0 % and passes of 15 −0.2 to −0.1 %.
+In three other slabs, passes of 3 are +0.2 to +0.8 % off, passes of 9 −0.1 to 0.0 % and passes of 15 −0.2 to −0.1 %.
 With 4 samples, the mean of Π over 48 numbers is 123 % off with "stratified", 445 % with "ldsampler" and 972 % with
 "orthogonal". `python benchmarks/sampler_bias.py` measures both.
 """

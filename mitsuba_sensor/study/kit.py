@@ -48,7 +48,7 @@ class Subject:
             names = ", ".join(readout.name for readout in self.camera.readouts)
             raise ms.InputError(
                 f"{self.camera.name} has the readouts {names}, and a study measures one of them; choose it with "
-                "camera.at_readout (--readout)."
+                "camera.at_readout."
             )
 
     def render(

@@ -44,6 +44,7 @@ def test_arguments_become_flags(message: str) -> None:
 PHOTONS = np.full((2, 1901), 9.0)
 CALLS: dict[str, Callable[[], Any]] = {
     "outside the sensor": lambda: ms.expose(PHOTONS, "konnik_table1", ms.Exposure(0.1)),
+    "saturated": lambda: ms.expose(PHOTONS[:, :9] * 1e8, "konnik_table1", ms.Exposure(0.1)),
     "temperature": lambda: ms.expose(PHOTONS[:, :9], "konnik_table1", ms.Exposure(0.1, 25)),
 }
 

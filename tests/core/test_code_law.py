@@ -1,4 +1,4 @@
-"""Code of a normal signal and of a Poisson count: mean, variance and chance, against sums over all codes."""
+"""Codes of a normal signal and of a Poisson count: mean, variance and probability against sums over all codes."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ HIGHEST = 255
 
 
 @pytest.mark.parametrize("sigma_dn", [0.0, 0.05, 1.1, 2.01, 40.0, 1e4])
-def test_mean_and_variance_are_those_of_the_sum_over_all_codes(sigma_dn: float) -> None:
-    """Within 1e-4 DN, or of the noise, far from the clips, at both of them and beyond."""
+def test_mean_and_variance_equal_the_sums_over_all_codes(sigma_dn: float) -> None:
+    """Within 1e-4 of a DN or of the noise: far from the limits, at both, and beyond."""
     x = np.concatenate([np.linspace(-9, 264, 200) + 0.013, [-1e5, 0.2, 255.2, 1e5]])
     levels = np.arange(1, HIGHEST + 1) - 0.5
     with np.errstate(divide="ignore"):
@@ -46,7 +46,7 @@ def test_a_rounded_poisson_and_normal_number(slope: float, mean_e: float, sigma:
 
 @pytest.mark.parametrize("sigma_dn", [0.02, 0.7, 30.0])
 @pytest.mark.parametrize("mean_dn", [-3.0, 0.4, 100.3, 254.9, 300.0])
-def test_chances_of_all_codes_add_up_to_1_and_are_finite_far_away(
+def test_probabilities_of_all_codes_sum_to_1_and_are_finite_far_away(
     mean_dn: float, sigma_dn: float
 ) -> None:
     codes = np.arange(HIGHEST + 1.0)

@@ -31,15 +31,15 @@ KNOWN_ANSWERS = [
 @pytest.mark.parametrize(
     ("counter", "key", "answer"), KNOWN_ANSWERS, ids=["zeros", "ones", "pi"]
 )
-def test_philox_gives_the_known_results_of_random123(
+def test_philox_gives_the_known_answers_of_random123(
     counter: tuple[int, ...], key: int, answer: str
 ) -> None:
     integers = philox(tuple(np.array([c], dtype=np.uint64) for c in counter), split_key(key))
     assert " ".join(f"{int(integer[0]):08x}" for integer in integers) == answer
 
 
-def test_a_window_has_the_random_bits_of_its_pixels_on_the_sensor() -> None:
-    """The counter is (x, y, frame, block), so the random bits of each pixel can be computed alone."""
+def test_a_window_has_the_random_bits_of_its_sensor_pixels() -> None:
+    """The counter is (x, y, frame, block), so each pixel's random bits can be computed alone."""
     rows, columns = np.array([3, 4]), np.array([-3, 8, 9])  # the margin of a filter wraps
     window = random_bits_at(5, rows[:, None], columns, frame=12, key=99)
     for (i, y), (j, x) in itertools.product(enumerate(rows), enumerate(columns)):
@@ -52,7 +52,7 @@ def test_a_window_has_the_random_bits_of_its_pixels_on_the_sensor() -> None:
 
 
 def test_every_part_of_at_changes_all_four_integers() -> None:
-    """x, y, frame, block, low key, high key: one bit more in any of them gives four other integers."""
+    """x, y, frame, block, low key, high key: a changed bit in any of them changes all four integers."""
     base = [0, 0, 0, 0, 0]
     results = set()
     changes = [
@@ -78,8 +78,8 @@ def test_no_two_sources_share_random_bits() -> None:
     assert len(set(STREAMS.values())) == len(STREAMS)
 
 
-def test_random_bits_are_uniform_in_every_bit() -> None:
-    """Each of the 32 bits is set in half of 2^16 integers: |z| < 5 for 128 bits, chance fails in 7e-5 of the seeds."""
+def test_every_random_bit_is_set_in_half_of_the_integers() -> None:
+    """|z| < 5 for 128 bits of 2^16 integers; chance alone fails with 7e-5 of the seeds."""
     integers = np.array(
         random_bits_at(0, np.arange(256)[:, None], np.arange(256), frame=0, key=1)
     )

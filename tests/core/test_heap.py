@@ -1,4 +1,4 @@
-"""Memory that was freed goes back to the system."""
+"""Freed memory returns to the system."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def resident_bytes() -> int:
 
 
 @pytest.mark.skipif(heap._glibc() is None, reason="another C library than glibc")
-def test_what_was_freed_between_live_allocations_is_given_back() -> None:
-    """Of a thousand pieces every tenth stays, so that the heap cannot shrink from its end."""
+def test_memory_freed_between_live_allocations_is_returned() -> None:
+    """Every tenth of a thousand blocks stays, so the heap cannot shrink from its end."""
     pieces = [b"x" * (BYTES + k) for k in range(PIECES)]
     kept = pieces[::10]
     del pieces

@@ -1,4 +1,4 @@
-"""The LLVM guard: versions are told without loading, and a library that aborts the process is never mapped into it.
+"""The LLVM guard: versions are read without loading, and a library that aborts the process is never loaded.
 
 Each question about Dr.Jit is asked in a process of its own, because it initialises LLVM when it is imported. Fake
 libraries are an ELF header and a name: whoever tries to load one fails loudly.
@@ -28,7 +28,7 @@ def look_into_one_folder():
     spec.loader.exec_module(llvm)
     llvm.FOLDERS, llvm.OWN_FOLDERS = (sys.argv[1],), ()
 """
-"""Before the package is imported, and with it the library chosen: only the libraries in one folder are found."""
+"""Code before the import of the package, which chooses the library: only libraries in one folder are found."""
 
 REPORT = (
     ONE_FOLDER
@@ -52,7 +52,7 @@ linux = pytest.mark.skipif(
 
 
 def fake_library(folder: Path, name: str, inside: bytes = b"") -> Path:
-    """A file that starts as this interpreter does, with a library's name."""
+    """Write a file with the header of this interpreter and the name of a library."""
     head = Path(os.path.realpath(sys.executable)).read_bytes()[:64]
     path = folder / name
     path.write_bytes(head + b"\0" * 64 + inside)
@@ -62,7 +62,7 @@ def fake_library(folder: Path, name: str, inside: bytes = b"") -> Path:
 def in_new_process(
     code: str, *arguments: object, **environment: str
 ) -> subprocess.CompletedProcess[str]:
-    """Code that runs where the user has not named an LLVM library."""
+    """Return code that runs if the user named no LLVM library."""
     env = {k: v for k, v in os.environ.items() if k != LLVM_PATH} | environment
     command = [sys.executable, "-c", code, *map(str, arguments)]
     done = subprocess.run(command, capture_output=True, text=True, env=env, timeout=WAIT_S)
@@ -71,13 +71,13 @@ def in_new_process(
 
 
 def import_drjit(folder: Path, **environment: str) -> tuple[list, str]:
-    """What a fresh process chooses when it looks for LLVM in ``folder`` alone; and what it wrote to stderr."""
+    """Return the choice of a new process that searches for LLVM in ``folder`` alone, and its stderr."""
     done = in_new_process(REPORT, folder, **environment)
     return json.loads(done.stdout.splitlines()[-1]), done.stderr
 
 
 def poison(folder: Path) -> Path:
-    """LLVM 15: the machine's own where it has one, else a fake."""
+    """LLVM 15 of the machine, or else a fake."""
     real = [one for one in find_llvm() if one.version == 15]
     if not real:
         return fake_library(folder, "libLLVM-15.so.1")
@@ -88,7 +88,7 @@ def poison(folder: Path) -> Path:
 
 @linux
 @pytest.mark.parametrize("named", [exhaustive("nothing"), "no library", "the poison"])
-def test_llvm_15_alone_is_never_loaded_and_scalar_renders(tmp_path: Path, named: str) -> None:
+def test_llvm_15_is_never_loaded_and_scalar_renders(tmp_path: Path, named: str) -> None:
     """Whatever the environment names."""
     path = {"nothing": {}, "no library": {LLVM_PATH: os.devnull}}
     path["the poison"] = {LLVM_PATH: str(poison(tmp_path))}
@@ -99,7 +99,7 @@ def test_llvm_15_alone_is_never_loaded_and_scalar_renders(tmp_path: Path, named:
 
 
 def usable_beside_poison(folder: Path) -> str:
-    """LLVM 15 and a usable library in a folder; the path of the latter."""
+    """Put LLVM 15 and a usable library in a folder; return the path of the latter."""
     usable = [one for one in find_llvm() if one.usable]
     if not usable:
         pytest.skip("no LLVM 17 or newer on this machine")
@@ -109,7 +109,7 @@ def usable_beside_poison(folder: Path) -> str:
 
 
 @linux
-def test_newest_usable_llvm_is_loaded_beside_the_poison(tmp_path: Path) -> None:
+def test_the_newest_usable_llvm_is_loaded_beside_llvm_15(tmp_path: Path) -> None:
     usable = usable_beside_poison(tmp_path)
     (name, hint, _, loaded), errors = import_drjit(tmp_path)
     assert name == "llvm_ad_spectral" and hint == "" and errors == ""
@@ -135,10 +135,10 @@ STEPS = {
         exhaustive("ms ms.render mi set mi.render"),
     ],
 )
-def test_every_order_of_imports_that_can_work_renders(
+def test_every_workable_order_of_imports_renders(
     tmp_path: Path, scene_file: Path, order: str
 ) -> None:
-    """LLVM is chosen when this package is imported; with LLVM 15 mi.render would abort the process."""
+    """This package chooses LLVM on import; with LLVM 15, mi.render would abort the process."""
     usable = usable_beside_poison(tmp_path)
     steps = [STEPS[step] for step in order.split()]
     report = "print(mi.variant(), *(l.split()[-1] for l in open('/proc/self/maps') if 'libLLVM' in l))"
@@ -159,7 +159,7 @@ def test_every_order_of_imports_that_can_work_renders(
         ("blank.so", b"", 0),
     ],
 )
-def test_version_is_told_from_the_file_name_or_the_soname(
+def test_the_version_is_read_from_file_name_or_soname(
     tmp_path: Path, name: str, inside: bytes, version: int
 ) -> None:
     found = inspect_llvm(str(fake_library(tmp_path, name, inside)))
@@ -178,7 +178,7 @@ def test_libraries_of_other_machines_and_broken_ones_are_not_usable(
 
 
 @linux
-def test_a_library_of_the_system_comes_before_a_newer_one_of_this_environment(
+def test_a_system_library_precedes_a_newer_one_of_the_environment(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     system, own = tmp_path / "system", tmp_path / "own"
@@ -199,8 +199,8 @@ def test_a_library_of_the_system_comes_before_a_newer_one_of_this_environment(
 
 
 @linux
-def test_a_library_that_cannot_be_loaded_is_named_with_what_it_lacks(tmp_path: Path) -> None:
-    """A head of this interpreter and nothing else: the dynamic linker refuses it, and scalar renders."""
+def test_a_library_that_fails_to_load_is_named_with_the_reason(tmp_path: Path) -> None:
+    """The header of this interpreter alone: the dynamic linker refuses it, and scalar renders."""
     path = fake_library(tmp_path, "libLLVM.so.23.1")
     (name, hint, reason, loaded), _ = import_drjit(tmp_path)
     assert (name, loaded) == ("scalar_spectral", [])
@@ -209,8 +209,8 @@ def test_a_library_that_cannot_be_loaded_is_named_with_what_it_lacks(tmp_path: P
 
 
 @linux
-def test_what_a_library_of_the_index_needs_is_loaded_without_its_links(tmp_path: Path) -> None:
-    """A library that needs another one by a name that no file has, as libLLVM needs libc++.so.1.
+def test_dependencies_of_an_installed_library_are_loaded_without_links(tmp_path: Path) -> None:
+    """A library that needs another by a name that no file has, as libLLVM needs libc++.so.1.
 
     Both are built here; without the first, the linker does not find it."""
     if shutil.which("gcc") is None:
@@ -232,7 +232,7 @@ def test_what_a_library_of_the_index_needs_is_loaded_without_its_links(tmp_path:
 import ctypes
 import os
 from mitsuba_sensor.core import llvm
-os.environ.pop(llvm.LLVM_PATH, None)  # which the import of the package has set where there is an LLVM
+os.environ.pop(llvm.LLVM_PATH, None)  # set by the import of the package
 llvm.FOLDERS, llvm.OWN_FOLDERS = ({str(tmp_path)!r},), ()
 assert llvm.guard_llvm().version == 23
 assert ctypes.CDLL({str(library)!r}).b() == 42

@@ -1,4 +1,4 @@
-"""Suggestions: a misspelling has one, a name that is only alike has none."""
+"""Suggestions: for misspellings, but not for names that merely look alike."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ KNOWN = ("one_file", "exposure_s", "bayer_2mp", "konnik_table1", "pixel.full_wel
         ("spq", "spp"),
     ],
 )
-def test_a_misspelling_a_part_and_a_beginning_are_close(written: str, meant: str) -> None:
+def test_misspellings_and_parts_of_names_are_close(written: str, meant: str) -> None:
     assert closest(written, KNOWN) == meant
 
 
 @pytest.mark.parametrize("written", ["nofile", "exposure_stop", "exposure_time", "x", "lamp"])
 def test_names_that_only_share_letters_are_not_close(written: str) -> None:
-    """`nofile` was answered with one_file, `exposure_stop` with exposure_s."""
+    """`nofile` does not suggest one_file, nor `exposure_stop` exposure_s."""
     assert closest(written, KNOWN) is None

@@ -49,12 +49,12 @@ REFUSED: dict[str, tuple[dict[str, object], str]] = {
 
 
 @pytest.mark.parametrize(("given", "said"), REFUSED.values(), ids=REFUSED)
-def test_a_wrong_option_is_one_sentence(given: dict[str, object], said: str) -> None:
+def test_a_wrong_option_gives_one_sentence(given: dict[str, object], said: str) -> None:
     with pytest.raises(ms.InputError, match=said):
         complete(Picture, given)
 
 
-def test_the_metadata_hold_every_option_as_a_plain_value() -> None:
+def test_metadata_contain_every_option_as_a_plain_value() -> None:
     given = {"maps": {"prnu": np.ones(3)}, "name": "x", "flip": True}
     found = used(Picture, given)
     assert list(found) == [one.name for one in declared(Picture)]
@@ -84,7 +84,7 @@ def test_a_command_has_a_flag_for_every_option() -> None:
 
 
 @pytest.mark.parametrize("one", declared(CaptureOptions), ids=lambda one: one.name)
-def test_every_option_of_a_capture_says_what_it_does_and_has_a_valid_default(one: Any) -> None:
+def test_every_capture_option_has_help_and_a_valid_default(one: Any) -> None:
     assert one.option.help[0].isupper() or one.option.help.split()[0].strip(":,") in map(
         str, one.choices
     )

@@ -1,4 +1,4 @@
-"""core/progress.py: how far long work is, on a clock of the test's own."""
+"""core/progress.py: progress of long work, on a simulated clock."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from mitsuba_sensor.render.passes.stop_criterion import (
 
 
 class Clock:
-    """Stands still until it is told to go on."""
+    """A clock that advances on demand."""
 
     def __init__(self) -> None:
         self.now = 1000.0
@@ -40,7 +40,7 @@ def clock() -> Clock:
 
 @pytest.fixture
 def written(monkeypatch: pytest.MonkeyPatch, clock: Clock) -> list[str]:
-    """What goes to stderr line by line, of progress on the test's clock, without a thread of its own."""
+    """Lines on stderr, with progress on the simulated clock and without a thread."""
     said: list[str] = []
     monkeypatch.setattr(progress_module, "write_line", said.append)
     monkeypatch.setattr(bars, "write_line", said.append)
@@ -59,7 +59,7 @@ def test_a_line_is_written_every_ten_seconds_and_none_before(clock: Clock) -> No
     assert said[0] == "loading the scene: 10 s so far"
 
 
-def test_a_series_of_renders_counts_those_that_follow() -> None:
+def test_a_series_of_renders_counts_the_remaining_ones() -> None:
     series = {"frames": 4, "first_frame": 5, "render_noise": "per-frame"}
     step = RenderProgress(1, 10, seconds=20.0, frame=6)
     assert standing(step, series) == ("rendering frame 2 of 4", pytest.approx(1.1 / 4))
@@ -73,7 +73,7 @@ def test_a_series_of_renders_counts_those_that_follow() -> None:
     assert doing == "report and files" and math.isnan(fraction)
 
 
-def test_a_render_in_python_says_how_far_it_is(clock: Clock, written: list[str]) -> None:
+def test_a_render_in_python_shows_progress(clock: Clock, written: list[str]) -> None:
     with told_progress(None, "capture", {}) as tell:
         assert tell is not None
         clock.now += 9
@@ -84,9 +84,7 @@ def test_a_render_in_python_says_how_far_it_is(clock: Clock, written: list[str])
     assert written == ["capture: rendering: 25 %, 10 s so far"]
 
 
-def test_work_inside_other_work_says_nothing_of_its_own(
-    clock: Clock, written: list[str]
-) -> None:
+def test_nested_work_prints_nothing(clock: Clock, written: list[str]) -> None:
     with told_outside(), automatic_progress("render", "rendering") as teller:
         assert teller is None
     with automatic_progress("fit", "fitting"), automatic_progress("expose", "x") as inner:
@@ -96,7 +94,7 @@ def test_work_inside_other_work_says_nothing_of_its_own(
 
 
 @pytest.mark.parametrize("stream", [None, io.StringIO()])
-def test_nobody_s_stderr_is_no_failure(
+def test_a_missing_stderr_is_no_failure(
     stream: io.StringIO | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if stream is not None:

@@ -33,7 +33,7 @@ CVS = (1e-7, 0.01, 0.4, 1.0, 3.0)
 
 
 def integers(size: int, seed: int = 5) -> NDArray[np.uint32]:
-    """Edge integers first, then random ones."""
+    """Return edge integers, then random ones."""
     rest = np.random.default_rng(seed).integers(
         0, 2**32, max(size - len(EDGES), 0), dtype=np.uint32
     )
@@ -41,14 +41,14 @@ def integers(size: int, seed: int = 5) -> NDArray[np.uint32]:
 
 
 def even_integers(bits: int) -> NDArray[np.uint32]:
-    """2^bits integers, evenly spread: averages over them have no sampling error, only that of the coarser grid."""
+    """Return 2^bits evenly spaced integers: averages have no sampling error, only that of the grid."""
     return (np.arange(2**bits, dtype=np.uint64) * 2 ** (32 - bits) + 2 ** (31 - bits)).astype(
         np.uint32
     )
 
 
 def poisson(w: NDArray[np.uint32], mean: Any) -> NDArray[np.float32]:
-    """Counts in float32, on NumPy."""
+    """Return counts in float32 on NumPy."""
     return quantiles.poisson(w, np.broadcast_to(single(mean), w.shape))
 
 
@@ -88,7 +88,7 @@ FLOAT64_MEANS = (
 )
 
 
-def test_normal_is_the_quantile_function_of_scipy_and_odd_about_the_middle() -> None:
+def test_normal_equals_scipys_quantile_and_is_antisymmetric() -> None:
     w = integers(1000)
     np.testing.assert_allclose(
         distributions.normal(w),
@@ -105,7 +105,7 @@ def test_normal_is_the_quantile_function_of_scipy_and_odd_about_the_middle() -> 
 
 
 @pytest.mark.parametrize("cv", [1e-9, 0.01, 0.4, 1.0, 10.0])
-def test_lognormal_has_unit_mean_its_cv_and_never_reaches_0(cv: float) -> None:
+def test_lognormal_has_unit_mean_and_its_cv_and_is_positive(cv: float) -> None:
     """Moments of ln X, which converge for every cv: −½ln(1+cv²) and ln(1+cv²)."""
     x = distributions.lognormal(even_integers(18), cv)
     variance = math.log1p(cv * cv)
@@ -119,15 +119,15 @@ def test_lognormal_has_unit_mean_its_cv_and_never_reaches_0(cv: float) -> None:
 
 @pytest.mark.parametrize("mean", FLOAT64_MEANS)
 def test_poisson_equals_scipys_quantile_integer_for_integer(mean: float) -> None:
-    """The ends and the middle too; no chance is left. No light is exactly 0, and 0.49 electrons are not."""
+    """Including both ends and the middle. Without light the count is exactly 0; with 0.49 electrons it is not."""
     w = integers(30_000 if mean < 1e4 else 3_000)
     np.testing.assert_array_equal(
         distributions.poisson(w, mean), stats.poisson.isf(distributions.survival(w), mean)
     )
 
 
-def test_poisson_equals_scipys_quantile_where_the_mean_differs_from_pixel_to_pixel() -> None:
-    """Means from 1e-3 to 1e3, all three ways of finding the count in one array, in any shape."""
+def test_poisson_equals_scipys_quantile_with_a_mean_per_pixel() -> None:
+    """Means from 1e-3 to 1e3: all three methods in one array, of any shape."""
     w = integers(60_000).reshape(200, 300)
     means = 10 ** np.random.default_rng(8).uniform(-3, 3, w.shape)
     np.testing.assert_array_equal(
@@ -135,7 +135,7 @@ def test_poisson_equals_scipys_quantile_where_the_mean_differs_from_pixel_to_pix
     )
 
 
-def test_poisson_of_astronomical_means_is_finite_and_within_6_4_sigma() -> None:
+def test_poisson_of_huge_means_is_finite_and_within_6_4_sigma() -> None:
     w = integers(len(EDGES))
     for mean in (1e12, 1e30, 1e300):
         n = distributions.poisson(w, mean)
@@ -148,10 +148,10 @@ COUPLINGS = (0.0, 1e-12, 0.25, 0.45, 0.49, 0.4999)
 
 
 @pytest.mark.parametrize("coupling", COUPLINGS)
-def test_isotropic_ar_is_an_exact_filter_of_variance_1_and_neighbour_correlation_2a(
+def test_isotropic_ar_has_variance_1_and_neighbour_correlation_2a(
     coupling: float,
 ) -> None:
-    """Its response to a unit impulse is its kernel: Σh² must be 1 and Σh_j·h_{j+1} must be 2a, without any sampling."""
+    """The response to a unit impulse is the kernel: Σh² = 1 and Σh_j·h_{j+1} = 2a, without sampling."""
     size = 4 * distributions.AR_WARM_UP
     impulse = np.zeros(size + 2 * distributions.AR_WARM_UP)
     impulse[distributions.AR_WARM_UP + size // 2] = 1
@@ -166,7 +166,7 @@ def test_isotropic_ar_is_an_exact_filter_of_variance_1_and_neighbour_correlation
 @pytest.mark.parametrize(
     ("coupling", "gain"), [(0.25, 1.5396), (0.45, 12.0745), (0.49, 126.90)]
 )
-def test_isotropic_ar_solves_the_equation_of_the_paper(coupling: float, gain: float) -> None:
+def test_isotropic_ar_solves_the_papers_equation(coupling: float, gain: float) -> None:
     """x_j = a(x_{j−1} + x_{j+1}) + U_j with white U of variance 1/gain, gain = (1 − 4a²)^(−3/2) (paper eq. 28)."""
     white = np.random.default_rng(3).standard_normal(20_000 + 2 * distributions.AR_WARM_UP)
     x = distributions.isotropic_ar(white, coupling, distributions.AR_WARM_UP)
@@ -201,15 +201,15 @@ that of its logarithm, which reaches −22 at a cv of 1."""
 
 
 @pytest.mark.parametrize("name", CLOSE)
-def test_a_draw_is_close_to_that_in_float64(name: str) -> None:
+def test_a_draw_is_close_to_the_float64_draw(name: str) -> None:
     draw, relative, absolute = CLOSE[name]
     found, exact = draw(NUMPY_FLOAT32, W), draw(NUMPY_FLOAT64, W)
     assert_single_and_close(found, exact, relative, absolute)
     assert np.median(np.abs(found / exact - 1)) < 1.5e-6
 
 
-def test_the_normal_of_a_probability_is_scipys_and_never_beyond_the_last_integer() -> None:
-    """Small probabilities keep their digits: 2⁻³³ is 6.338σ. 0 and 1, to which they may round, are the last."""
+def test_the_normal_of_a_probability_equals_scipys_up_to_the_last_integer() -> None:
+    """Small probabilities keep their digits: 2⁻³³ is 6.338σ. 0 and 1, from rounding, are the last integers."""
     s = np.concatenate(
         [np.geomspace(2.0**-33, 0.5, 1001), np.linspace(0.5, 1 - 2.0**-24, 1001)]
     )
@@ -224,7 +224,7 @@ def test_the_normal_of_a_probability_is_scipys_and_never_beyond_the_last_integer
 
 
 def test_gamma_keeps_mean_and_variance_at_a_cv_of_3() -> None:
-    """Against the exact draws of the same 2^16 even integers, so that their coarse grid cancels."""
+    """Against the exact draws of the same 2^16 even integers, so the coarse grid cancels."""
     w = even_integers(16)
     found, exact = NUMPY_FLOAT32.gamma(w, 3.0).astype(np.float64), distributions.gamma(w, 3.0)
     assert found.mean() == pytest.approx(exact.mean(), rel=2e-5)
@@ -233,8 +233,8 @@ def test_gamma_keeps_mean_and_variance_at_a_cv_of_3() -> None:
 
 
 @pytest.mark.parametrize("cv", CVS)
-def test_wald_takes_the_root_that_the_exact_draw_takes(cv: float) -> None:
-    """But where the pick is within 1e-6 of the boundary; a million draws of other seeds would hold one such."""
+def test_wald_takes_the_same_root_as_the_exact_draw(cv: float) -> None:
+    """Except where the choice is within 1e-6 of the boundary, once in a million draws."""
     z, pick = quantiles.normal(W), quantiles.uniform(W[::-1].copy())
     exact = distributions.wald(z.astype(np.float64), pick.astype(np.float64), cv)
     smaller = np.minimum(exact, 1 / exact)
@@ -246,7 +246,7 @@ def test_wald_takes_the_root_that_the_exact_draw_takes(cv: float) -> None:
 
 
 def test_log_is_exact_to_2e_7_over_all_of_float32() -> None:
-    """Every exponent, and mantissas down to the last bit before 1."""
+    """All exponents, and mantissas down to the last bit before 1."""
     x = single(np.exp(np.random.default_rng(1).uniform(-87, 88.7, 200_000)))
     x = np.concatenate(
         [x, single([np.finfo(np.float32).tiny, np.finfo(np.float32).max, 1, 0.5, 2])]
@@ -267,18 +267,20 @@ def test_exp_and_expm1_are_exact_to_one_rounding_from_minus_69_to_88() -> None:
 
 
 @pytest.mark.parametrize("mean", [0.0, 5e-324, 1e-30, *SEARCHED, *EXPANDED])
-def test_poisson_is_the_exact_draw_but_for_one_count_of_few_integers(mean: float) -> None:
-    """Below 10 the sums are accurate to a tenth of an integer; above, one integer in a thousand is in doubt."""
+def test_poisson_equals_the_exact_draw_except_for_one_count_of_few_integers(
+    mean: float,
+) -> None:
+    """Below 10, sums are accurate to a tenth of an integer; above, one integer in a thousand is ambiguous."""
     apart = np.abs(poisson(W, mean) - distributions.poisson(W, float(np.float32(mean))))
     assert apart.max() <= 1
     assert np.mean(apart) <= (1e-5 if mean < 10 else 1e-4 if mean <= 1e5 else 5e-4)
 
 
 @pytest.mark.parametrize("mean", one_in(3, [0.01, 1.0, 9.9, 10.0, 12.0, 17.0, 30.0, 1e3, 1e5]))
-def test_poisson_distribution_of_a_million_even_integers_is_the_exact_distribution(
+def test_poisson_of_a_million_even_integers_has_the_exact_distribution(
     mean: float,
 ) -> None:
-    """Total variation 2e-5, and what the coarse grid costs each of the ±6σ cells; mean and variance likewise."""
+    """Total variation 2e-5 plus the error of the coarse grid in each of the ±6σ cells; also mean and variance."""
     w, mean = even_integers(20), float(np.float32(mean))
     n = poisson(w, mean).astype(np.int64)
     share = np.bincount(n) / n.size
@@ -295,8 +297,8 @@ def test_poisson_distribution_of_a_million_even_integers_is_the_exact_distributi
 
 
 @pytest.mark.parametrize("mean", [10.0, 17.5, 21.0, 22.0])
-def test_the_count_0_keeps_its_integers_up_to_the_mean_that_has_none_left(mean: float) -> None:
-    """2³²·e^(−mean) integers give a count of 0, 195 000 at 10 and one at 22: a fifth more or fewer, and one integer."""
+def test_count_0_keeps_its_integers_up_to_the_mean_without_any(mean: float) -> None:
+    """2³²·e^(−mean) integers give a count of 0, 195 000 at 10 and one at 22: within a fifth plus one integer."""
     expected = 2.0**32 * math.exp(-mean)
     last = (2**32 - 1 - np.arange(int(2 * expected) + 10)).astype(np.uint32)
     zeros = np.count_nonzero(poisson(last, mean) == 0)
@@ -305,7 +307,7 @@ def test_the_count_0_keeps_its_integers_up_to_the_mean_that_has_none_left(mean: 
 
 @pytest.mark.parametrize("power", [-12, 0, 3, 8, 18, 30])
 def test_poisson_is_a_whole_number_within_6_4_sigma_for_any_mean(power: int) -> None:
-    """Counts above 2^24 are those that float32 holds, 6e-8 of the mean apart."""
+    """Counts above 2^24 are float32 numbers, 6e-8 of the mean apart."""
     mean = float(np.float32(10.0**power))
     n = poisson(W[:20_000], mean).astype(np.float64)
     assert np.isfinite(n).all()
@@ -323,10 +325,10 @@ THINNED += ((7, 0.0, 3.0), (0, 5.0, 5.0), (400, 1.0, 1.0), (10**6, 1e6, 300.0))
 
 
 @pytest.mark.parametrize(("number", "light", "dark"), one_in(6, THINNED, several=True))
-def test_binomial_distribution_of_a_million_even_integers_is_the_exact_distribution(
+def test_binomial_of_a_million_even_integers_has_the_exact_distribution(
     number: int, light: float, dark: float
 ) -> None:
-    """Total variation: of the float64 draw that of the grid of 2^20 integers, of the float32 one 6e-4 at most."""
+    """Total variation: that of the grid of 2^20 integers in float64, at most 6e-4 in float32."""
     w, reach, chance = even_integers(20), np.arange(number + 1), dark / (light + dark)
     exact = stats.binom.pmf(reach, number, chance)
     grid = np.count_nonzero(exact > 2**-21) * 2**-20
@@ -342,13 +344,13 @@ def test_binomial_distribution_of_a_million_even_integers_is_the_exact_distribut
 
 
 def thinned(w: NDArray[np.uint32], *numbers: float) -> NDArray[np.float32]:
-    """Counts in float32, on NumPy."""
+    """Return counts in float32 on NumPy."""
     return quantiles.binomial(w, *(np.broadcast_to(single(x), w.shape) for x in numbers))
 
 
 @pytest.fixture(scope="module")
 def llvm() -> Any:
-    """The compiled engine, where LLVM is usable."""
+    """The compiled engine, if LLVM is usable."""
     if problem := backend_problem("llvm"):
         pytest.skip(problem)
     from mitsuba_sensor.core.drjit_backend import DrJitBackend
@@ -357,7 +359,7 @@ def llvm() -> Any:
 
 
 def assert_same_bits(found: Any, expected: Any) -> None:
-    """As bit patterns, so that −0 is not 0."""
+    """Return bit patterns, so −0 differs from 0."""
     patterns = found.numpy().view(np.uint32), np.asarray(expected).view(np.uint32)
     assert expected.dtype == np.float32
     np.testing.assert_array_equal(*patterns)
@@ -401,7 +403,7 @@ def test_binomial_has_the_same_bits_on_numpy_and_on_llvm(
 
 @pytest.mark.parametrize("size", [1, 9, 1001])
 def test_mixed_means_have_the_same_bits_for_any_number_of_pixels(size: int, llvm: Any) -> None:
-    """Means from 0 to 20, some exactly 0 or 10: neighbours take the search and the expansion, centre and tail."""
+    """Means from 0 to 20, some exactly 0 or 10: neighbours use search and expansion, centre and tail."""
     means = single(np.random.default_rng(3).uniform(0, 20, size))
     means[::5], means[2::7] = 0, 10
     w = integers(size, seed=4)
@@ -425,7 +427,7 @@ def test_philox_gives_the_same_integers_on_numpy_and_on_llvm(llvm: Any) -> None:
 
 
 def script(name: str, *arguments: str) -> Any:
-    """What a benchmark prints with --json; its exit code must be 0."""
+    """Return the output of a benchmark with --json; its exit code must be 0."""
     command = [sys.executable, str(BENCHMARKS / name), *arguments, "--json"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr + done.stdout
@@ -433,7 +435,7 @@ def script(name: str, *arguments: str) -> Any:
 
 
 @pytest.mark.exhaustive
-def test_the_distributions_are_enumerated(llvm: Any) -> None:
+def test_the_benchmark_enumerates_the_distributions(llvm: Any) -> None:
     found = script("enumerate_quantiles.py", "--stride", "4096", "--means", "0.3", "10", "1e6")
     assert found["inputs"] == 2**20
     assert found["zero_mean_is_zero"]
@@ -445,10 +447,10 @@ def test_the_distributions_are_enumerated(llvm: Any) -> None:
     "draw", [distributions.poisson, quantiles.poisson], ids=["float64", "float32"]
 )
 @pytest.mark.parametrize("mean", [1e-3, 1e-6, 1e-8, 1e-9, 1e-10])
-def test_a_small_mean_of_counts_is_right_to_half_of_two_to_the_minus_32(
+def test_a_small_mean_count_is_exact_to_half_of_two_to_the_minus_32(
     draw: Any, mean: float
 ) -> None:
-    """No chance: the integers with an electron are those below a limit, which bisection finds."""
+    """Without sampling: the integers with an electron are below a limit, which bisection finds."""
     precision = np.float32 if draw is quantiles.poisson else np.float64
     last_with, first_without = -1, 2**32 - 1
     while first_without - last_with > 1:

@@ -1,4 +1,4 @@
-"""Chief-ray angles against closed forms and traced rays, and what the pixels make of them."""
+"""Chief-ray angles against closed forms and traced rays, and their effect on the pixels."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def camera_of(**fields: object) -> ms.Camera:
     return ms.load_camera("konnik_table1").replace(**{**PIXEL, **fields})
 
 
-def test_the_angle_of_a_pinhole_is_that_of_the_field_and_a_larger_pupil_lessens_it() -> None:
+def test_a_pinhole_has_the_field_angle_and_a_larger_pupil_reduces_it() -> None:
     half_mm = 32 * 5.7e-3
     expected = np.degrees(np.arctan(HEIGHTS_MM / (half_mm / 0.5)))
     np.testing.assert_allclose(chief_ray_deg(VIEW, camera_of(), HEIGHTS_MM), expected)
@@ -38,10 +38,7 @@ def test_the_angle_of_a_pinhole_is_that_of_the_field_and_a_larger_pupil_lessens_
 
 @pytest.mark.parametrize("gap_mm", [30.0, 60.0, 80.0])
 def test_chief_rays_of_a_stop_before_or_behind_the_front_focus(gap_mm: float) -> None:
-    """Near the axis of a thick plano-convex lens by hand; they converge where the stop is farther than the focus.
-
-    They came from behind the sensor there, at 180° in the middle of the picture.
-    """
+    """Paraxial formula of a thick plano-convex lens; the rays converge if the stop is beyond the focus."""
     radius, thickness, n = 25.8, 5.3, 1.5168
     stop = {"thickness_mm": gap_mm, "semi_diameter_mm": 3.13, "stop": True}
     front = {
@@ -63,9 +60,9 @@ def test_chief_rays_of_a_stop_before_or_behind_the_front_focus(gap_mm: float) ->
 
 
 @pytest.mark.parametrize("focus_m", [math.inf, 0.5])
-def test_chief_rays_of_a_prescription_go_through_the_middle_of_its_stop(focus_m: float) -> None:
-    """Traced by other code from the middle of the stop to the sensor, within 0.001°; the paraxial exit pupil is
-    0.94° off in the corner of 21 mm."""
+def test_chief_rays_of_a_prescription_cross_the_centre_of_its_stop(focus_m: float) -> None:
+    """Traced by independent code from the centre of the stop to the sensor, within 0.001°. The paraxial exit pupil
+    would be 0.94° off at 21 mm."""
     camera = camera_of(**{"lens.prescription": "double_gauss", "lens.f_number": 4.0})
     slopes = np.linspace(0.0, math.tan(math.radians(27)), 40)
     size = np.sqrt(1 + slopes**2)
@@ -83,8 +80,8 @@ def test_chief_rays_of_a_prescription_go_through_the_middle_of_its_stop(focus_m:
     np.testing.assert_allclose(found, np.degrees(np.arctan(slope)), atol=1e-3)
 
 
-def test_relative_illumination_has_the_response_at_the_angle_of_each_pixel() -> None:
-    """A linear response from 1 at 0° to 0 at 90°, of a pinhole of 53°: within the average over a pixel, 1e-4."""
+def test_relative_illumination_includes_the_response_at_each_pixels_angle() -> None:
+    """A linear response from 1 at 0° to 0 at 90° behind a pinhole of 53°, within 1e-4, the averaging over a pixel."""
     linear = {"pixel.angular_response": (1.0, 0.0), "pixel.angular_response_deg": (0.0, 90.0)}
     plain = ms.load_camera("konnik_table1")
     ratio = solid_angle_sr(VIEW, plain.replace(**linear)) / solid_angle_sr(VIEW, plain)
@@ -96,7 +93,7 @@ def test_relative_illumination_has_the_response_at_the_angle_of_each_pixel() -> 
     )
 
 
-def test_microlenses_that_follow_the_chief_ray_lose_nothing() -> None:
+def test_microlenses_matched_to_the_chief_ray_lose_nothing() -> None:
     heights = np.linspace(0, 0.3, 200)
     made_for = chief_ray_deg(VIEW, camera_of(), heights)
     table = {"pixel.microlens_cra_deg": made_for.tolist()}
@@ -112,8 +109,8 @@ def test_microlenses_that_follow_the_chief_ray_lose_nothing() -> None:
     )
 
 
-def test_a_render_has_it() -> None:
-    """Its ratio to a render with the same random numbers is that of the closed form, with a note."""
+def test_a_render_includes_the_angular_response() -> None:
+    """The ratio to a render with equal random numbers has the closed form, and a note says so."""
     options: Any = {"width": 24, "spp": 1, "wavelength_nm": 550.0, "denoise": False}
     options |= {"progress": False, "variant": "scalar_spectral"}
     plain = ms.load_camera("konnik_table1")

@@ -1,4 +1,4 @@
-"""The lens: cos⁴ against Mitsuba's own rays, solid angles and distortion against closed forms, K against pictures."""
+"""The lens: cos⁴ against Mitsuba's rays, solid angles and distortion against closed forms, K against renders."""
 
 from __future__ import annotations
 
@@ -54,8 +54,8 @@ def axis_fov(axis: str) -> str:
         (sensor("orthographic", ""), CROP),
     ],
 )
-def test_cos4_is_that_of_mitsubas_own_rays(tmp_path: Path, text: str, film: str) -> None:
-    """Mean of cos⁴ over 6 × 6 rays per pixel, to 5e-4 (the midpoint rule at 60° over 8 pixels is good to 2e-4)."""
+def test_cos4_equals_that_of_mitsubas_rays(tmp_path: Path, text: str, film: str) -> None:
+    """Mean of cos⁴ over 6 × 6 rays per pixel, to 5e-4 (error of the midpoint rule at 60° over 8 pixels: 2e-4)."""
     mi = use(choose_variant("scalar_spectral"))
     scene = load_scene(
         write_scene(tmp_path, scene_text(SKY, sensor=text, film=film)),
@@ -82,17 +82,17 @@ ON_AXIS = View(size=(1, 1), crop_size=(1, 1))
 
 
 @pytest.mark.parametrize("f_number", [1.4, 2.8, 8.0])
-def test_the_axial_solid_angle_is_that_of_its_convention(f_number: float) -> None:
-    """π/(4N²), or EMVA's π/(1 + 4N²), which is 13 % less at f/1.4."""
+def test_the_axial_solid_angle_follows_its_convention(f_number: float) -> None:
+    """π/(4N²), or EMVA's π/(1 + 4N²), 13 % less at f/1.4."""
     for convention, square in (("working", 4 * f_number**2), ("planar", 1 + 4 * f_number**2)):
         fields = {"lens.f_number": f_number, "lens.convention": convention}
         found = solid_angle_sr(ON_AXIS, CAMERA.replace(**fields))[0, 0]
         assert found == pytest.approx(math.pi / square, rel=1e-12)
 
 
-def test_a_thin_lens_is_that_of_its_field_of_view_and_focus() -> None:
+def test_magnification_and_f_number_of_a_thin_lens() -> None:
     """At life size (|m| = 1) and P = 1 the working f-number doubles: a quarter of the light. f = 1/(1/image + 1/focus)
-    and N = f/(2·radius); nothing for a pinhole."""
+    and N = f/(2·radius); a pinhole has no N."""
     image_m = 0.5 * 12 * 5.7e-6 / 0.3
     view = View((12, 8), (12, 8), half_width=0.3, focus_m=image_m, aperture_radius_m=1e-5)
     assert magnification(view, CAMERA) == pytest.approx(1.0, rel=1e-12)
@@ -121,8 +121,8 @@ def test_light_through_a_thin_lens_follows_cos4_and_the_f_number(tmp_path: Path)
     np.testing.assert_allclose(light, math.pi * 2e-4 / (4 * working**2) * fall_off, rtol=1e-3)
 
 
-def test_transmission_is_one_number_times_a_curve_that_must_reach() -> None:
-    """Linear between its points; outside nobody knows."""
+def test_transmission_is_a_factor_times_a_curve_over_all_wavelengths() -> None:
+    """Linear between its points, undefined outside."""
     curve = {
         "lens.transmission_curve": [0.0, 1.0, 0.5],
         "lens.transmission_wavelengths_nm": [400, 500, 700],
@@ -135,8 +135,8 @@ def test_transmission_is_one_number_times_a_curve_that_must_reach() -> None:
         transmittance(camera, [500.0, 705.0])
 
 
-def test_measured_illumination_stands_in_for_cos4() -> None:
-    """1 − h/4 mm at the middle of each pixel but one on the axis (where |h| has a kink), times π/(4N²)."""
+def test_measured_illumination_replaces_cos4() -> None:
+    """π/(4N²)·(1 − h/4 mm) at the centre of each pixel except on the axis, where |h| has a kink."""
     heights = {
         "lens.relative_illumination_heights_mm": [0, 2.0],
         "lens.relative_illumination": [1.0, 0.5],
@@ -157,7 +157,7 @@ DISTORTED = {"brown": {"lens.distortion": BROWN}, "table": PERCENT}
 
 
 def opencv(point: np.ndarray, matrix: Any, k: Any) -> np.ndarray:
-    """cv::projectPoints, written down again: points (n, 3) with z forward → pixels (n, 2), middles at whole numbers."""
+    """cv::projectPoints, written again: points (n, 3) with z forward → pixels (n, 2), centres at whole numbers."""
     x, y = point[:, 0] / point[:, 2], point[:, 1] / point[:, 2]
     r2 = x * x + y * y
     radial = 1 + k[0] * r2 + k[1] * r2**2 + k[4] * r2**3
@@ -182,7 +182,7 @@ def loaded(
 
 
 def seen(scene: Scene, x: float, y: float) -> np.ndarray:
-    """Direction of the ray of a place of the crop [pixels], in OpenCV's axes."""
+    """Direction of the ray at a position in the crop [pixels], in OpenCV's axes."""
     mi = use(choose_variant())
     (columns, rows), to_world = (
         scene.view.crop_size,
@@ -195,8 +195,10 @@ def seen(scene: Scene, x: float, y: float) -> np.ndarray:
 
 
 @both_variants
-def test_a_distorted_ray_goes_where_opencv_projects_from(tmp_path: Path, variant: str) -> None:
-    """Nine places per film, through an off-centre axis: projected back to 0.004 pixels."""
+def test_opencv_projects_a_distorted_ray_back_to_its_pixel(
+    tmp_path: Path, variant: str
+) -> None:
+    """Nine positions per film with an off-centre axis, within 0.004 pixels."""
     camera = CAMERA.replace(**DISTORTED["brown"])
     scene = loaded(
         tmp_path, camera, variant, sensor("perspective", axis_fov("x") + SHIFT), CROP
@@ -212,9 +214,11 @@ def test_a_distorted_ray_goes_where_opencv_projects_from(tmp_path: Path, variant
 
 
 @pytest.mark.parametrize("kind", DISTORTED)
-def test_a_distorted_pixel_gathers_the_light_of_what_it_sees(tmp_path: Path, kind: str) -> None:
-    """Ω is the area of a pixel's outline in direction cosines, ∫cos θ dω, over that of a pixel on the axis of an ideal
-    lens, times π/(4N²): the flux through the entrance pupil. Sixteen rays along each side, 0.2 %."""
+def test_a_distorted_pixel_gathers_light_in_proportion_to_its_outline(
+    tmp_path: Path, kind: str
+) -> None:
+    """Ω is π/(4N²) times the area of the pixel's outline in direction cosines, ∫cos θ dω, over that of an axial pixel
+    of an ideal lens: the flux through the entrance pupil. 16 rays along each side, within 0.2 %."""
     camera = CAMERA.replace(**DISTORTED[kind])
     scene = loaded(tmp_path, camera, "scalar_spectral", sensor("perspective", axis_fov("x")))
     solid_angle = solid_angle_sr(scene.view, camera)
@@ -261,11 +265,10 @@ SENSORS: dict[str, tuple[dict[str, Any], str, str]] = {
 
 
 @pytest.mark.parametrize("kind", one_in(2, SENSORS))
-def test_a_point_is_seen_where_k_projects_it(tmp_path: Path, kind: str) -> None:
-    """The centroid of a small luminous ball in a render, in each of two corners, within 0.1 pixel of K and distortion.
+def test_a_point_appears_where_k_projects_it(tmp_path: Path, kind: str) -> None:
+    """Centroid of a small luminous ball rendered in two corners, within 0.1 pixel of K with distortion.
 
-    Through the traced lens the heights are those of its own table. Edges of a ball of three pixels: about 0.02 pixels
-    of Monte Carlo error.
+    A traced lens uses its table of heights. The edges of a ball of 3 pixels cause a Monte Carlo error of 0.02 pixels.
     """
     fields, sensor_xml, film = SENSORS[kind]
     camera = CAMERA.replace(**fields, **FINE)
@@ -293,7 +296,7 @@ def test_a_point_is_seen_where_k_projects_it(tmp_path: Path, kind: str) -> None:
 
 
 def projected(point: np.ndarray, found: dict[str, Any]) -> np.ndarray:
-    """Where the intrinsics say that a point is seen: OpenCV's model, or the table of heights."""
+    """Return the image of a point by the intrinsics: by OpenCV's model or the table of heights."""
     if found["distortion"] is not None:
         return opencv(point, found["matrix"], found["distortion"])[0]
     centre, ideal = (
@@ -305,8 +308,8 @@ def projected(point: np.ndarray, found: dict[str, Any]) -> np.ndarray:
     return centre + (ideal - centre) * real / height_mm
 
 
-def test_intrinsics_name_focal_length_and_field_of_view() -> None:
-    """A thin lens focused at 3 m: f = 1/(1/image + 1/focus); 90° across, 67.4° down, all of it in plain values."""
+def test_intrinsics_contain_focal_length_and_field_of_view() -> None:
+    """A thin lens focused at 3 m: f = 1/(1/image + 1/focus); 90° × 67.4°, in plain values."""
     view = View(
         size=(12, 8), crop_size=(12, 8), half_width=1.0, focus_m=3.0, aperture_radius_m=0.01
     )

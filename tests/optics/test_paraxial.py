@@ -1,4 +1,4 @@
-"""First-order optics against closed forms and against rays traced by other code; glasses against their makers."""
+"""First-order optics against closed forms and rays traced by independent code; glasses against their makers."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def lens(**fields: Any) -> LensSection:
 def glass_ball(
     radius: float = 10.0, index: float = 1.5, aperture: float = 1.0
 ) -> dict[str, Any]:
-    """A biconvex lens with its stop in front: everything about it has a closed form."""
+    """A biconvex lens with its stop in front, for which all has a closed form."""
     stop = {"semi_diameter_mm": aperture, "thickness_mm": 4.0, "stop": True}
     front = {"semi_diameter_mm": 6.0, "thickness_mm": 3.0, "radius_mm": radius, "index": index}
     return {
@@ -46,8 +46,8 @@ def glass_ball(
     }
 
 
-def test_a_thick_lens_has_the_focal_points_of_the_lensmakers_equation() -> None:
-    """1/f = (n − 1)·(2/R − (n − 1)·t/(n·R²)); back focus f·(1 − (n − 1)·t/(n·R)); the stop is its entrance pupil."""
+def test_focal_points_of_a_thick_lens_follow_the_lensmakers_equation() -> None:
+    """1/f = (n − 1)·(2/R − (n − 1)·t/(n·R²)); back focus f·(1 − (n − 1)·t/(n·R)); the stop is the entrance pupil."""
     n, r, t = 1.5, 10.0, 3.0
     focal = 1 / ((n - 1) * (2 / r - (n - 1) * t / (n * r * r)))
     found = cardinal_points(lens(prescription=glass_ball(), f_number=20.0))
@@ -66,10 +66,8 @@ def traced_double_gauss(
     return forward(table, start, np.tile(ALONG, (len(heights), 1)), stop)
 
 
-def test_paraxial_focal_length_and_back_focus_of_a_double_gauss_are_those_of_traced_rays() -> (
-    None
-):
-    """Rays 0.5 mm from the axis; asked for within 0.5 %, found within 0.01 %."""
+def test_focal_length_and_back_focus_equal_those_of_traced_rays() -> None:
+    """Rays 0.5 mm from the axis, within 0.01 %."""
     found = cardinal_points(lens())
     points, ways, _ = traced_double_gauss(np.array([0.5]), 8.0)
     slope = ways[0, 0] / ways[0, 2]
@@ -79,11 +77,11 @@ def test_paraxial_focal_length_and_back_focus_of_a_double_gauss_are_those_of_tra
 
 
 @pytest.mark.parametrize(("f_number", "irradiance"), AXIAL_IRRADIANCE.items())
-def test_the_f_number_sets_the_diaphragm_and_the_traced_cone_the_irradiance(
+def test_the_f_number_sets_the_stop_and_the_traced_cone_sets_the_irradiance(
     f_number: float, irradiance: float
 ) -> None:
-    """The paraxial entrance pupil has the diameter f/N: near the axis rays cross the stop at the same share of its
-    radius. The widest cone that passes the stop then has π·sin²u′ as Optiland traces it."""
+    """The paraxial entrance pupil has the diameter f/N: rays near the axis cross the stop at the same fraction of its
+    radius. The widest cone through the stop has π·sin²u′ as traced by Optiland."""
     points = cardinal_points(lens(f_number=f_number))
     pupil = points.focal_length / (2 * f_number)
     near, _, _ = traced_double_gauss(np.array([1e-3 * pupil]), 99.0, DOUBLE_GAUSS[:6])
@@ -94,10 +92,8 @@ def test_the_f_number_sets_the_diaphragm_and_the_traced_cone_the_irradiance(
     ) == pytest.approx(irradiance, rel=1e-4)
 
 
-def test_the_middle_of_the_stop_seen_from_outside_is_the_entrance_pupil_and_from_behind_the_exit_pupil() -> (
-    None
-):
-    """Rays that start in the middle of the stop with a small slope, traced both ways by other code."""
+def test_the_pupils_are_the_images_of_the_centre_of_the_stop() -> None:
+    """Rays from the centre of the stop at a small slope, traced both ways by independent code."""
     from helpers.lens_oracle import backward
 
     found, slope, z = cardinal_points(lens()), 1e-3, vertices(DOUBLE_GAUSS)
@@ -115,10 +111,10 @@ def test_the_middle_of_the_stop_seen_from_outside_is_the_entrance_pupil_and_from
 
 
 @pytest.mark.parametrize("focus_m", [0.3, 1.0, 20.0])
-def test_a_point_in_focus_is_imaged_on_the_sensor_at_the_principal_distance_times_its_tangent(
+def test_image_height_is_the_principal_distance_times_the_tangent(
     focus_m: float,
 ) -> None:
-    """Near-axis rays from a point 1 mrad off the axis, ``focus_m`` before the entrance pupil, by other code."""
+    """Near-axis rays from a point 1 mrad off axis, ``focus_m`` before the entrance pupil, by independent code."""
     found = cardinal_points(lens(f_number=8.0))
     point = np.array([focus_m * 1e3 * 1e-3, 0.0, found.entrance_pupil - focus_m * 1e3])
     entrance = np.array([[x, 0.0, found.entrance_pupil] for x in (-0.2, 0.2)])
@@ -130,7 +126,7 @@ def test_a_point_in_focus_is_imaged_on_the_sensor_at_the_principal_distance_time
     np.testing.assert_allclose(-x, found.principal_distance(focus_m) * 1e-3, rtol=1e-3)
 
 
-def test_scaling_scales_every_length_and_no_f_number() -> None:
+def test_scaling_scales_every_length_but_not_the_f_number() -> None:
     plain, half = (
         cardinal_points(lens()),
         cardinal_points(lens(focal_length_mm=cardinal_points(lens()).focal_length / 2)),
@@ -157,25 +153,25 @@ def test_scaling_scales_every_length_and_no_f_number() -> None:
         ({"prescription": glass_ball(-10.0)}, "negative or infinite focal length"),
     ],
 )
-def test_a_lens_that_cannot_be_is_refused(fields: dict[str, Any], says: str) -> None:
+def test_an_impossible_lens_is_refused(fields: dict[str, Any], says: str) -> None:
     with pytest.raises(ms.InputError, match=says):
         cardinal_points(lens(**fields))
 
 
-def test_nothing_nearer_than_the_front_focal_point_can_be_in_focus() -> None:
+def test_an_object_within_the_front_focal_point_cannot_be_in_focus() -> None:
     found: CardinalPoints = cardinal_points(lens())
     with pytest.raises(ms.InputError, match=r"distance is 0.04 m; it must be above 0.0471 m"):
         found.image_distance(0.04)
 
 
-def test_sellmeier_is_schotts_n_bk7() -> None:
-    """n_d 1.51680, n_F 1.52238, n_C 1.51432: Schott's data sheet."""
+def test_sellmeier_gives_schotts_n_bk7() -> None:
+    """n_d 1.51680, n_F 1.52238, n_C 1.51432 in Schott's datasheet."""
     for wavelength, index in ((D_NM, 1.51680), (F_NM, 1.52238), (C_NM, 1.51432)):
         assert Glass(N_BK7).index(wavelength) == pytest.approx(index, abs=6e-6)
 
 
-def test_an_index_and_an_abbe_number_give_both_back_and_the_glass_between() -> None:
-    """Against N-BK7's own Sellmeier: 0.0003 from 400 to 700 nm."""
+def test_index_and_abbe_number_give_the_dispersion_of_a_glass() -> None:
+    """Against the Sellmeier formula of N-BK7: 0.0003 from 400 to 700 nm."""
     found = glass_behind(
         lens(prescription=glass_ball())
         .prescription.surfaces[1]

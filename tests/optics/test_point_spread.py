@@ -1,4 +1,4 @@
-"""Point spread against the textbook's numbers, the transform of one closed form into the other, and foreign code."""
+"""Point spread against textbook numbers, transforms between closed forms, and independent code."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OBSTRUCTIONS = [0.0, 0.5]
 FREQUENCIES = np.linspace(0.02, 1.0, 50)
 
 
-def test_energy_in_the_rings_is_that_of_born_and_wolf() -> None:
+def test_encircled_energy_equals_born_and_wolf() -> None:
     """Table 8.2: 83.8 %, 91.0 % and 93.8 % inside the first three dark rings, at 1.220, 2.233 and 3.238 times π."""
     rings = scipy.special.jn_zeros(1, 3)
     np.testing.assert_allclose(rings / math.pi, [1.220, 2.233, 3.238], atol=5e-4)
@@ -33,8 +33,10 @@ def test_energy_in_the_rings_is_that_of_born_and_wolf() -> None:
 
 
 @pytest.mark.parametrize("obstruction", OBSTRUCTIONS)
-def test_energy_is_the_integral_of_the_density_and_goes_to_one(obstruction: float) -> None:
-    """Outside x there is 2/(π(1 − ε)x) on the average over the rings."""
+def test_encircled_energy_is_the_integral_of_the_density_and_tends_to_one(
+    obstruction: float,
+) -> None:
+    """Averaged over the rings, 2/(π(1 − ε)x) lies outside x."""
     x = np.linspace(0.0, 2000.0, 400_001)
     density = 2 * math.pi * x * point_spread(x, obstruction)
     inside = scipy.integrate.cumulative_trapezoid(density, x, initial=0.0)
@@ -46,8 +48,8 @@ def test_energy_is_the_integral_of_the_density_and_goes_to_one(obstruction: floa
 
 
 @pytest.mark.parametrize("obstruction", OBSTRUCTIONS)
-def test_mtf_is_the_overlap_of_the_pupil_with_itself(obstruction: float) -> None:
-    """Counted on a grid of 2000² points: its edges are off by some 1e-3 of the area."""
+def test_mtf_is_the_autocorrelation_of_the_pupil(obstruction: float) -> None:
+    """Counted on a grid of 2000² points, whose edges cause an error of 1e-3 of the area."""
     grid = np.linspace(-1, 1, 2001)
     square = grid[:, None] ** 2 + grid[None] ** 2
     pupil = (square <= 1) & (square >= obstruction**2)
@@ -57,7 +59,7 @@ def test_mtf_is_the_overlap_of_the_pupil_with_itself(obstruction: float) -> None
     assert diffraction_mtf([1.0, 1.7], obstruction) == pytest.approx([0, 0], abs=1e-7)
 
 
-def test_mtf_of_a_clear_pupil_is_the_textbook_form() -> None:
+def test_mtf_of_a_clear_pupil_equals_the_textbook_formula() -> None:
     s = np.linspace(0, 1, 101)
     closed = 2 / math.pi * (np.arccos(s) - s * np.sqrt(1 - s * s))
     np.testing.assert_allclose(diffraction_mtf(s), closed, atol=1e-12)
@@ -65,8 +67,8 @@ def test_mtf_of_a_clear_pupil_is_the_textbook_form() -> None:
 
 
 @pytest.mark.parametrize("obstruction", one_in(2, OBSTRUCTIONS))
-def test_what_is_drawn_has_the_mtf_of_the_pupil(obstruction: float) -> None:
-    """Mean of J₀(2sx) over all shares of the energy, the far tail in closed steps: within 6e-4 of the overlap."""
+def test_drawn_offsets_have_the_mtf_of_the_pupil(obstruction: float) -> None:
+    """Mean of J₀(2sx) over all fractions of the energy, the far tail in closed form, within 6e-4 of the overlap."""
     tables = point_spread_tables(obstruction)
     middles = (tables.radii[1:] + tables.radii[:-1]) / 2
     rest = (np.arange(200_000) + 0.5) / 200_000
@@ -81,7 +83,7 @@ def test_what_is_drawn_has_the_mtf_of_the_pupil(obstruction: float) -> None:
 
 
 def test_mtf_of_a_map_is_the_transform_of_its_steps() -> None:
-    """Summed over 12 000 places; 1 at frequency 0, also of a map that leans to one side."""
+    """Summed over 12 000 positions; 1 at frequency 0, even for an asymmetric map."""
     fine = 4000
     for width, cells in ((1.0, [0.2, 1.0, 0.7]), (0.5, [1.0])):
         count = len(cells) * fine

@@ -1,4 +1,4 @@
-"""Rays through surfaces: against other code, against surfaces without aberration; and the ellipses of the pupil."""
+"""Rays through surfaces against independent code and surfaces without aberration; ellipses of the pupil."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def lens(**fields: Any) -> LensSection:
 
 
 def rays(count: int, distance: float, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
-    """Points on a full-frame sensor and directions to the back of the lens, in a frame with z towards the scene."""
+    """Return points on a full-frame sensor and directions to the rear of the lens, with z towards the scene."""
     random = np.random.default_rng(seed)
     film = np.column_stack(
         [random.uniform((-18, -12), (18, 12), (count, 2)), np.full(count, -distance)]
@@ -45,8 +45,8 @@ def as_ray(film: np.ndarray, ways: np.ndarray) -> Ray:
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # rays that miss
-def test_every_ray_through_a_double_gauss_is_that_of_other_code() -> None:
-    """20 000 rays from all over the sensor to all of the back: the same pass, to the same place and way (1e-9)."""
+def test_rays_through_a_double_gauss_equal_those_of_independent_code() -> None:
+    """20 000 rays from the whole sensor to the whole rear surface: vignetting, position and direction within 1e-9."""
     section = lens()
     points = cardinal_points(section)
     film, ways = rays(20_000, points.back_focus)
@@ -61,7 +61,7 @@ def test_every_ray_through_a_double_gauss_is_that_of_other_code() -> None:
 
 
 def plano(conic: float, aspheric: tuple[float, ...] = ()) -> dict[str, Any]:
-    """A plane towards the scene, and a convex surface of 20 mm towards the sensor: n = 1.5, f = 40 mm."""
+    """A plano-convex lens, convex towards the sensor: R = 20 mm, n = 1.5, f = 40 mm."""
     stop = {"semi_diameter_mm": 9.0, "stop": True}
     plane = {"semi_diameter_mm": 9.0, "thickness_mm": 4.0, "index": 1.5}
     back = {"radius_mm": -20.0, "semi_diameter_mm": 9.0, "conic": conic, "aspheric": aspheric}
@@ -69,7 +69,7 @@ def plano(conic: float, aspheric: tuple[float, ...] = ()) -> dict[str, Any]:
 
 
 def slopes(section: LensSection) -> np.ndarray:
-    """Slopes towards the scene of a fan of rays from the focal point, up to 10 degrees."""
+    """Return the slopes on the scene side of a fan of rays from the focal point, up to 10°."""
     sine = np.linspace(0.01, 0.17, 15)
     start = Ray(
         0 * sine,
@@ -85,14 +85,14 @@ def slopes(section: LensSection) -> np.ndarray:
     return np.asarray(end.dx / end.dz)
 
 
-def test_a_hyperbola_of_conic_minus_n_squared_makes_the_light_of_its_focus_parallel() -> None:
-    """Descartes: k = −n² has no spherical aberration at all; a sphere has."""
+def test_a_hyperbola_of_conic_minus_n_squared_collimates_light_from_its_focus() -> None:
+    """Descartes: k = −n² has no spherical aberration; a sphere has."""
     hyperbola, sphere = (lens(prescription=plano(k), f_number=2.8) for k in (-(1.5**2), 0.0))
     assert np.abs(slopes(hyperbola)).max() < 1e-12 < 1e-3 < np.abs(slopes(sphere)).max()
 
 
 def test_a_conic_written_as_a_polynomial_is_the_same_surface() -> None:
-    """Sag of a conic: c·r²/2 + (1 + k)·c³·r⁴/8 + (1 + k)²·c⁵·r⁶/16 + …, less that of the sphere."""
+    """Sag of a conic, c·r²/2 + (1 + k)·c³·r⁴/8 + (1 + k)²·c⁵·r⁶/16 + …, minus that of the sphere."""
     c, k, terms, factor = -1 / 20.0, -(1.5**2), [], 0.5
     for n in range(2, 20):  # binomial series of (1 − √(1 − (1 + k)·c²·r²))/((1 + k)·c)
         factor *= (2 * n - 3) / (2 * n)
@@ -107,10 +107,10 @@ def test_a_conic_written_as_a_polynomial_is_the_same_surface() -> None:
     ("name", "f_number"),
     one_in(3, [("double_gauss", 2.05), ("double_gauss", 16.0), ("singlet", 8.0)], several=True),
 )
-def test_no_ray_that_passes_lies_outside_the_ellipses_and_most_inside_them_pass(
+def test_the_ellipses_contain_all_rays_that_pass_and_few_others(
     name: str, f_number: float
 ) -> None:
-    """Any ray outside would be light that is lost. 300 000 rays over the whole back from 200 image heights."""
+    """A ray outside would lose light. 300 000 rays over the whole rear surface from 200 image heights."""
     section = lens(prescription=name, f_number=f_number)
     traced, distance = traced_lens(section), cardinal_points(section).image_distance(np.inf)
     pupil = exit_pupil_bounds(traced, distance, 22.0)
@@ -133,10 +133,10 @@ def test_no_ray_that_passes_lies_outside_the_ellipses_and_most_inside_them_pass(
 
 
 @pytest.mark.parametrize("focus_m", [math.inf, 0.3])
-def test_a_double_gauss_has_the_distortion_of_its_traced_chief_rays(focus_m: float) -> None:
-    """By other code: the ray back from the sensor through the middle of the stop, found by bisection, at 15 mm.
+def test_distortion_of_a_double_gauss_equals_that_of_traced_chief_rays(focus_m: float) -> None:
+    """By independent code: the ray from 15 mm on the sensor through the centre of the stop, found by bisection.
 
-    Near the lens the height where it meets the plane in focus counts, not its slope: 0.5 % between them at 0.3 m.
+    Close to the lens, the height in the plane of focus counts, not the slope; they differ by 0.5 % at 0.3 m.
     """
     section = lens()
     points = cardinal_points(section)

@@ -1,4 +1,4 @@
-"""Ray transfers of lenses that are known, in ISET's format: an ideal thin lens, and the double Gauss."""
+"""Ray transfers in ISET's format of known lenses: an ideal thin lens and the double Gauss."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def lens_of(prescription: object, f_number: float = OPEN, **more: Any) -> LensSe
 
 @pytest.fixture(scope="module")
 def thin() -> dict[str, Any]:
-    """The file of a thin lens of 50 mm."""
+    """Return the file of a thin lens of 50 mm."""
     data, residuals = thin_lens(FOCAL_MM, RADIUS_MM)
     assert (residuals[:2] < 1e-4).all() and (residuals[2:] < 1e-5).all()  # mm; cosines
     return data
@@ -45,7 +45,7 @@ def thin_file(thin: dict[str, Any], tmp_path: Path) -> str:
     return written(tmp_path, thin)
 
 
-def test_the_cardinal_points_are_those_of_the_thin_lens(thin_file: str) -> None:
+def test_cardinal_points_equal_those_of_the_thin_lens(thin_file: str) -> None:
     points = cardinal_points(lens_of(thin_file))
     assert points.focal_length == pytest.approx(FOCAL_MM, rel=1e-4)
     assert points.back_focus == pytest.approx(FOCAL_MM, rel=1e-4)
@@ -55,8 +55,8 @@ def test_the_cardinal_points_are_those_of_the_thin_lens(thin_file: str) -> None:
     assert points.image_distance(1.0) == pytest.approx(FOCAL_MM / 0.95, rel=1e-4)
 
 
-def test_all_rays_of_an_image_point_meet_in_its_object_point(thin_file: str) -> None:
-    """Of a film in focus at 1 m: within 0.01 mm of the point −h·1 m/b, for every direction of the height."""
+def test_rays_from_an_image_point_meet_in_its_object_point(thin_file: str) -> None:
+    """A film in focus at 1 m: within 0.01 mm of the point −h·1 m/b in every direction."""
     lens = lens_of(thin_file)
     distance = cardinal_points(lens).image_distance(1.0)
     across, along = np.meshgrid(np.linspace(-3, 3, 7), np.linspace(-3, 3, 7))
@@ -82,8 +82,8 @@ def turned(ray: Ray, degrees: float) -> Ray:
     )
 
 
-def test_stopped_down_and_scaled_the_pupil_is_as_the_f_number_says(thin_file: str) -> None:
-    """sin u = 1/(2N) on the axis: rays within pass and rays beyond do not."""
+def test_the_pupil_follows_the_f_number_when_stopped_down_and_scaled(thin_file: str) -> None:
+    """sin u = 1/(2N) on the axis: rays inside pass, rays outside do not."""
     for f_number, focal_mm in (
         (OPEN, 50.0),
         (5.6, 50.0),
@@ -100,7 +100,7 @@ def test_stopped_down_and_scaled_the_pupil_is_as_the_f_number_says(thin_file: st
         assert traced_lens(lens).unvignetted(start).tolist() == [True, False]
 
 
-def test_a_lens_is_opened_as_far_as_its_pass_function(thin_file: str) -> None:
+def test_the_pass_function_limits_the_f_number(thin_file: str) -> None:
     """N = 1/(2 sin u), tan u = R/f: 5.0249 in steps of 0.01."""
     with pytest.raises(ms.InputError, match=r"at least 5\.03"):
         cardinal_points(lens_of(thin_file, 2.8))
@@ -113,7 +113,7 @@ def test_the_image_of_the_thin_lens_has_no_distortion(thin_file: str) -> None:
 
 @pytest.fixture(scope="module")
 def gauss() -> tuple[LensSection, dict[str, Any]]:
-    """The double Gauss at f/4, and a file of the degree 7 that was fitted to its rays."""
+    """Return the double Gauss at f/4, and a file of degree 7 fitted to its rays."""
     lens = lens_of("double_gauss", 4.0)
     points = cardinal_points(lens)
     pupil_mm = points.entrance_radius / points.focal_length
@@ -123,10 +123,10 @@ def gauss() -> tuple[LensSection, dict[str, Any]]:
     return lens, data
 
 
-def test_a_fitted_double_gauss_is_the_double_gauss(
+def test_a_fitted_double_gauss_equals_the_double_gauss(
     gauss: tuple[LensSection, dict[str, Any]], tmp_path: Path
 ) -> None:
-    """Focal length within 1e-4, focus 0.02 mm, image heights 2 µm, directions of the rays of a corner 3e-5."""
+    """Focal length within 1e-4, focus 0.02 mm, image heights 2 µm, ray directions in a corner 3e-5."""
     lens, data = gauss
     fitted = lens_of(written(tmp_path, data), 4.03)
     ours, theirs = cardinal_points(fitted), cardinal_points(lens)
@@ -162,10 +162,10 @@ def test_dr_jit_and_numpy_trace_the_same_rays(thin_file: str) -> None:
         np.testing.assert_allclose(np.array(ours), theirs, atol=1e-5)
 
 
-def test_ellipses_are_linear_between_their_heights(
+def test_ellipses_are_interpolated_linearly_between_heights(
     thin: dict[str, Any], tmp_path: Path
 ) -> None:
-    """Half-way between two: the mean of their centres and axes; beyond the last nothing passes."""
+    """Halfway between two heights: mean centre and mean axes. Above the last height nothing passes."""
     wavelength = thin["polynomials"][0]
     ellipses = {
         "method": "minimalellipse",
@@ -203,9 +203,7 @@ SPOILED: dict[str, Callable[[Any, Any], object]] = {
 
 
 @pytest.mark.parametrize("sentence", SPOILED)
-def test_a_file_that_cannot_be_honoured_is_refused(
-    thin: dict[str, Any], tmp_path: Path, sentence: str
-) -> None:
+def test_a_wrong_file_is_refused(thin: dict[str, Any], tmp_path: Path, sentence: str) -> None:
     data = copy.deepcopy(thin)
     SPOILED[sentence](data, data["polynomials"][0])
     with pytest.raises(ms.InputError, match=sentence) as caught:
@@ -213,7 +211,9 @@ def test_a_file_that_cannot_be_honoured_is_refused(
     assert "\n" not in str(caught.value)
 
 
-def test_polynomials_that_are_no_lens_are_refused(thin: dict[str, Any], tmp_path: Path) -> None:
+def test_polynomials_that_do_not_describe_a_lens_are_refused(
+    thin: dict[str, Any], tmp_path: Path
+) -> None:
     data = copy.deepcopy(thin)
     y = data["polynomials"][0]["poly"][1]
     y["coeff"] = [1.2 * c for c in y["coeff"]]

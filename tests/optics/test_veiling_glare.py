@@ -1,4 +1,4 @@
-"""Veiling glare of pictures against a sum over all pairs of pixels, conservation and limits."""
+"""Veiling glare of images against a sum over all pairs of pixels, conservation of energy and limits."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ ONE_FILTER = np.zeros(SHAPE, np.intp)
 
 
 def random_light(seed: int) -> tuple[Float64Array, Float64Array]:
-    """Photoelectrons of a picture and their variance."""
+    """Return the photoelectrons of an image and their variance."""
     rng = np.random.default_rng(seed)
     return rng.exponential(100.0, SHAPE), rng.exponential(3.0, SHAPE)
 
 
 def matrix(fraction: float, half_width_px: tuple[float, float] | None) -> Float64Array:
-    """The glare as a matrix from all pixels to all pixels, written out."""
+    """Return the glare as a matrix from all pixels to all pixels."""
     rows, columns = (axis.ravel() for axis in np.indices(SHAPE))
     spread = np.ones((rows.size, rows.size))
     if half_width_px is not None:
@@ -32,10 +32,10 @@ def matrix(fraction: float, half_width_px: tuple[float, float] | None) -> Float6
 
 @pytest.mark.parametrize("half_width_px", [None, (3.0, 2.0), (0.01, 0.01), (1e6, 1e6)])
 @pytest.mark.parametrize("fraction", [1e-6, 0.03, 1.0])
-def test_glare_is_the_sum_over_all_pairs_of_pixels_and_keeps_the_energy(
+def test_glare_is_the_sum_over_all_pairs_of_pixels_and_conserves_energy(
     fraction: float, half_width_px: tuple[float, float] | None
 ) -> None:
-    """Mean and variance; the sum stays within 1e-12."""
+    """Mean and variance; energy within 1e-12."""
     glare, whole = VeilingGlare(fraction, SHAPE, half_width_px), matrix(fraction, half_width_px)
     mean, variance = random_light(1)
     new_mean, new_variance = glare.of_electrons(mean, variance, ONE_FILTER)
@@ -44,7 +44,7 @@ def test_glare_is_the_sum_over_all_pairs_of_pixels_and_keeps_the_energy(
     assert new_mean.sum() == pytest.approx(mean.sum(), rel=1e-12)
 
 
-def test_bands_have_the_same_glare_as_electrons() -> None:
+def test_bands_and_electrons_have_equal_glare() -> None:
     glare = VeilingGlare(0.2, SHAPE, (2.0, 3.0))
     lights = [random_light(seed) for seed in (2, 3)]
     mean = np.stack([light[0] for light in lights], axis=-1).astype(np.float32)
@@ -57,11 +57,10 @@ def test_bands_have_the_same_glare_as_electrons() -> None:
 
 
 @pytest.mark.parametrize("half_width_px", [None, (4.0, 4.0)])
-def test_glare_behind_a_colour_filter_is_that_of_its_own_light(
+def test_glare_behind_a_colour_filter_comes_from_light_of_its_own_colour(
     half_width_px: tuple[float, float] | None,
 ) -> None:
-    """An even field of another brightness behind each filter: the glare of each is even again, within the edges that
-    the width of the spread makes alike."""
+    """Each filter sees an even field of its own brightness: relative to it, the glare of all filters is equal."""
     filters = ms.load_camera("bayer_2mp").filter_index(SHAPE)
     levels = np.array([10.0, 200.0, 3000.0])
     glare = VeilingGlare(0.3, SHAPE, half_width_px)
@@ -70,7 +69,7 @@ def test_glare_behind_a_colour_filter_is_that_of_its_own_light(
     np.testing.assert_allclose(mean / levels[filters], white, rtol=1e-10)
 
 
-def test_a_picture_of_one_pixel_stays_as_it_is() -> None:
+def test_an_image_of_one_pixel_is_unchanged() -> None:
     glare = VeilingGlare(0.5, (1, 1))
     mean, variance = glare.of_electrons(
         np.full((1, 1), 7.0), np.full((1, 1), 2.0), np.zeros((1, 1), int)

@@ -1,4 +1,4 @@
-"""Waveforms of lamps: their means in closed form against sums over many instants, and how they are written as text."""
+"""Waveforms of lamps: means in closed form against sums over many instants; waveforms as text."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_the_mean_over_whole_periods_is_the_level(waveform: Waveform) -> None:
         np.testing.assert_allclose(mean, waveform.level, rtol=1e-10)
 
 
-def test_a_sine_is_the_formula_of_its_integral() -> None:
+def test_a_sine_follows_the_closed_form_of_its_integral() -> None:
     """1 + m·[cos(2πf·t + φ) − cos(2πf·(t + T) + φ)]/(2πf·T)."""
     starts, open_s, turns = np.linspace(0, 0.02, 9), 0.0037, 2 * np.pi * 100
     phase = 2 * np.pi * 0.2
@@ -56,16 +56,16 @@ def test_a_sine_is_the_formula_of_its_integral() -> None:
     np.testing.assert_allclose(ms.sine(100, 0.4, 0.2).mean_over(starts, open_s), expected)
 
 
-def test_a_short_exposure_of_a_pulse_sees_all_or_nothing() -> None:
+def test_a_short_exposure_sees_all_of_a_pulse_or_none() -> None:
     mean = ms.pwm(100, 0.25).mean_over([0.0, 0.0024, 0.0025, 0.009, 0.01], 1e-9)
     np.testing.assert_allclose(mean, [4, 4, 0, 0, 4], rtol=1e-5)
 
 
-def test_a_text_is_read_back(waveform: Waveform) -> None:
+def test_a_waveform_survives_its_text(waveform: Waveform) -> None:
     assert waveform_of("lamp", repr(waveform)) == waveform
 
 
-def test_texts_name_level_kind_and_numbers() -> None:
+def test_texts_contain_level_kind_and_numbers() -> None:
     assert waveform_of("lamp", "2 pwm(100, 0.5)") == ms.pwm(100, 0.5, level=2.0)
     assert waveform_of("lamp", "2*pwm(100,0.5,0.25)") == ms.pwm(100, 0.5, 0.25, level=2.0)
     assert waveform_of("lamp", " mains( 60 ) ") == ms.mains(60)
@@ -92,7 +92,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("text", BAD)
-def test_a_text_that_is_wrong_is_refused_with_the_way_out(text: str) -> None:
+def test_a_wrong_text_is_refused_with_a_remedy(text: str) -> None:
     with pytest.raises(ms.InputError, match=BAD[text].replace("(", r"\(")):
         waveform_of("lamp", text)
 
@@ -123,7 +123,7 @@ def test_times_are_in_the_unit_of_the_header(
         *("0,1,2\n1,1,1\n", "time_s,v\n0,1\nx,1\n"),
     ],
 )
-def test_a_table_that_is_no_waveform_is_refused(rows: str, tmp_path: Path) -> None:
+def test_a_wrong_table_is_refused(rows: str, tmp_path: Path) -> None:
     file = tmp_path / "lamp.csv"
     file.write_text(rows, encoding="utf-8")
     with pytest.raises(ms.InputError, match=r"lamp\.csv"):

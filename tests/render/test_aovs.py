@@ -166,17 +166,6 @@ def test_flow_of_a_camera_that_turns_is_that_of_directions_and_the_background_is
     np.testing.assert_allclose(shifted.flow_px[shifted.shape_index < 0], 0, atol=1e-3)
 
 
-def test_flow_of_a_moving_object_is_its_own(tmp_path: Path) -> None:
-    """The ball rises by 0.1 m: 0.1·f/Z pixels up; the wall stays."""
-    up = read_motion({"objects": {"ball": {"velocity_m_per_s": [0, 1, 0]}}})
-    aovs = aovs_of(tmp_path, BALL, WALL, motion=up, exposure=ms.Exposure(0.1))
-    ball, depth = ball_and_wall(np.zeros(3), tangents(*centres()))
-    np.testing.assert_allclose(
-        aovs.flow_px[..., 1], np.where(ball, -0.1 * FOCAL_PX / depth, 0), atol=1e-3
-    )
-    np.testing.assert_allclose(aovs.flow_px[..., 0], 0, atol=1e-3)
-
-
 @scalar_first
 def test_normals_of_a_mesh_turn_with_it(tmp_path: Path, variant: str) -> None:
     """A cube turned by 30° about the vertical before the row opens: its faces look 30° and 60° beside the axis."""

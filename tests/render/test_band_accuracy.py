@@ -14,7 +14,7 @@ from helpers.patches import REFLECTANCES
 from helpers.scenes import SCENES, scene_text, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.core.band_average import band_integrals, photon_averages
+from mitsuba_sensor.core.band_average import band_integrals
 from mitsuba_sensor.optics import spectra
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr, transmittance
 from mitsuba_sensor.optics.intrinsics import View
@@ -132,7 +132,7 @@ def test_the_film_has_the_integral_at_any_bandwidth(
         np.testing.assert_allclose(film * photons, expected_e(camera, SPECTRA[name]), rtol=1e-4)
 
 
-@pytest.mark.parametrize("width_nm", one_in(3, [50.0, 10.0, 20.0, 330.0, 5.0]))
+@pytest.mark.parametrize("width_nm", one_in(2, [50.0, 10.0, 330.0]))
 def test_electrons_are_the_integral_at_any_bandwidth(tmp_path: Path, width_nm: float) -> None:
     """A rendered flat field behind a coloured lens: each filter's mean to 0.1 %."""
     light, view = rendered(flat_field(tmp_path, SPECTRA["sloped"]), COLOURED, width_nm, 4096)
@@ -140,7 +140,7 @@ def test_electrons_are_the_integral_at_any_bandwidth(tmp_path: Path, width_nm: f
     np.testing.assert_allclose(found, expected_e(COLOURED, SPECTRA["sloped"]), rtol=1e-3)
 
 
-@pytest.mark.parametrize("width_nm", one_in(4, [5.0, 10.0, 20.0, 50.0]))
+@pytest.mark.parametrize("width_nm", one_in(2, [5.0, 20.0]))
 def test_a_colour_checker_has_the_colours_of_its_tables(width_nm: float) -> None:
     """24 patches before a colour camera, each channel's mean over the patches to 0.1 % (measured: 0.023 %); with QE at
     the centre of 50 nm bands R was 15 % too dark. Single patches are as noisy as their pixels."""
@@ -291,11 +291,3 @@ def test_integrals_over_bands_are_exact_for_polynomials() -> None:
     )
     np.testing.assert_allclose(found[0], (high**6 - low**6) / 6, rtol=1e-13)
     np.testing.assert_allclose(found[1], [0.0, (49 - 16) / 2, (100 - 16) / 2], rtol=1e-13)
-
-
-@pytest.mark.parametrize("width_nm", [1e-6, 1.0, 300.0])
-def test_a_constant_is_its_own_average(width_nm: float) -> None:
-    found = photon_averages(
-        np.ones_like, np.array([100.0, 1000.0]), np.array([550.0]), np.array([width_nm])
-    )
-    np.testing.assert_allclose(found, 1.0, rtol=1e-6)

@@ -335,5 +335,5 @@ def test_an_exposure_takes_raw_light_where_it_is_asked_for() -> None:
     assert raw.metadata["render"]["denoised"] is None
     name = "over_sensor_median"
     assert smooth.metadata["render_noise"][name] < raw.metadata["render_noise"][name]
-    with pytest.raises(ms.InputError, match="render it again with --raw-light"):
+    with pytest.raises(ms.InputError, match="render it again with raw_light=True"):
         ms.capture(replace(both, raw=None), CAMERA, EXPOSURE, raw_light=True)

@@ -399,14 +399,6 @@ def test_what_is_no_image_of_a_photosensor_is_one_sentence() -> None:
         assert "\n" not in str(caught.value)
 
 
-def test_a_film_that_is_metered_needs_an_exposure() -> None:
-    mi = ready()
-    text = text_of().replace('<float name="exposure_s" value="0.002"/>', "")
-    scene = mi.load_string(text)
-    with pytest.raises(ms.InputError, match="the film sets no exposure in seconds; pass one"):
-        ms.digital(mi.render(scene, spp=4), sensor=scene.sensors()[0])
-
-
 def test_a_chain_without_a_closed_form_has_expected_codes_and_no_likelihood() -> None:
     mi, dr = ready(), drjit()
     scene = mi.load_string(text_of())

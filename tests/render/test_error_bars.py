@@ -68,7 +68,7 @@ def test_a_caustic_raises_the_flag_and_a_note_says_what_to_do(variant: str, spp:
     """A glass ball under a small lamp: one pixel in six owes most of its variance to one pass."""
     found = at_550("caustic", 24, spp=spp, variant=skip_unless_usable(variant)).statistics
     assert not found.reliable and found.firefly_fraction > 0.12
-    assert any("a larger light" in note for note in found.notes)
+    assert any("enlarge the light" in note for note in found.notes)
 
 
 @both_variants
@@ -120,16 +120,6 @@ def test_glass_in_the_cornell_box_raises_it(tmp_path: Path, bulb: bool, spp: int
     }
     found = ms.render(scene, CAMERA, EXPOSURE, spp=spp, **options).statistics
     assert not found.reliable and found.firefly_fraction > 0.12
-
-
-def test_a_larger_lamp_makes_the_caustic_reliable() -> None:
-    """What the note advises helps: a lamp of the ball's size."""
-    size = {"width": 24, "height": 24, "lamp_radius": 4}
-    options = {"wavelength_nm": 550, "spp": 256, "variant": "scalar_spectral", "denoise": False}
-    large = ms.render(
-        SCENES / "caustic.xml", CAMERA, EXPOSURE, parameters=size, **options
-    ).statistics
-    assert large.reliable and large.firefly_fraction < 0.01
 
 
 def test_few_passes_are_never_trusted() -> None:
@@ -192,15 +182,6 @@ def test_where_every_pixel_differs_each_keeps_its_own() -> None:
     assert 0.90 < (np.abs(error) < 2 * np.sqrt(found)).mean() < 0.96
 
 
-def test_a_brighter_neighbour_is_compared_by_its_relative_error() -> None:
-    """A mosaic of filters, one with a tenth of the light: no pixel takes its neighbour's absolute variance."""
-    mean = np.where(np.indices((60, 60)).sum(axis=0) % 2, 100.0, 10.0)
-    _, variance = measured((0.05 * mean) ** 2)
-    found = pooled(mean, variance, PASSES)
-    for level in (10.0, 100.0):
-        assert np.median(found[mean == level]) == pytest.approx((0.05 * level) ** 2, rel=0.1)
-
-
 @pytest.mark.parametrize(("hits", "low"), [(8.0, 0.93), (4.0, 0.91), (1.6, 0.83)])
 def test_bars_hold_where_few_paths_find_the_light(hits: float, low: float) -> None:
     """A light group that a pixel's paths find so many times at its brightest, in all passes together. Own variances
@@ -214,24 +195,3 @@ def test_bars_hold_where_few_paths_find_the_light(hits: float, low: float) -> No
     sigma = np.sqrt(pooled(mean, variance, PASSES))
     assert 0.60 < (np.abs(mean - light) < sigma).mean() < 0.72
     assert low < (np.abs(mean - light) < 2 * sigma).mean() < 0.97
-
-
-def test_darkness_has_no_error_and_too_few_passes_keep_theirs() -> None:
-    """A pixel beside the light has next to none."""
-    mean, variance = np.zeros((4, 4)), np.zeros((4, 4))
-    mean[:2], variance[:2] = 1.0, 1e-4
-    found = pooled(mean, variance, PASSES)
-    assert not found[3:].any() and np.isfinite(found).all() and (found[:2] > 0).all()
-    assert found[2].max() < 1e-8
-    np.testing.assert_array_equal(pooled(mean, variance, 2), variance)
-    assert not pooled(np.zeros((3, 3)), np.zeros((3, 3)), PASSES).any()
-
-
-def test_bands_are_pooled_as_pictures_of_their_own() -> None:
-    """Three bands at levels a thousand apart: each has the error bars that it has alone, within 2 %."""
-    _, variance = measured(np.full((80, 80, 3), 4.0))
-    scale = np.array([1.0, 1e3, 1e-3])
-    found = pooled(np.ones(variance.shape) * scale, variance * scale**2, PASSES)
-    for k in range(3):
-        alone = pooled(np.full((80, 80), scale[k]), variance[..., k] * scale[k] ** 2, PASSES)
-        np.testing.assert_allclose(found[..., k], alone, rtol=0.02)

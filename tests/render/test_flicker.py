@@ -67,17 +67,6 @@ def test_the_rows_of_a_flat_field_are_the_integral_of_the_waveform(
     assert np.ptp(rows) > 0.2 * rows.mean()
 
 
-def test_the_period_of_the_bands_is_one_over_frequency_and_row_time(
-    field: ms.Irradiance,
-) -> None:
-    rows = profile(field.with_lights(lamp=ms.pwm(500, 0.5)), ROLLING)
-    period = round(1 / (500 * ROW_TIME_US * 1e-6))
-    assert period == 80
-    np.testing.assert_allclose(rows[period:], rows[:-period], rtol=1e-5)
-    spectrum = np.abs(np.fft.rfft(rows - rows.mean()))
-    assert np.argmax(spectrum) == ROWS / period
-
-
 def test_bands_move_by_the_time_between_two_frames(field: ms.Irradiance) -> None:
     """At 100 Hz a frame that begins 32.5 ms later is a quarter of a period on: its bands are 100 rows higher."""
     lit = field.with_lights(lamp=PWM)
@@ -99,15 +88,6 @@ def test_an_exposure_of_whole_periods_has_no_bands(field: ms.Irradiance) -> None
     assert abs(change.mean()) < 3 * np.sqrt(variance / ROWS)
     banded = ms.expose(lit, ROLLING, ms.Exposure(0.015), seed=3).digital[0].mean(axis=1)
     assert np.ptp(banded) > 10 * np.sqrt(variance)
-
-
-def test_a_global_shutter_has_one_window_for_all_rows(field: ms.Irradiance) -> None:
-    rows = profile(field.with_lights(lamp=PWM, sky=0), GLOBAL, start_s=0.001)
-    steady = profile(field.with_lights(sky=0), GLOBAL)
-    np.testing.assert_allclose(rows, rows[0], rtol=1e-6)
-    assert rows[0] / steady[0] == pytest.approx(
-        float(PWM.mean_over(0.001, EXPOSURE.time_s)), rel=1e-5
-    )
 
 
 def test_the_light_itself_is_the_mean_and_so_is_what_is_metered(field: ms.Irradiance) -> None:

@@ -25,15 +25,6 @@ GREY = BALL.format(
 IN_SPECTRA = sorted({*gradient_integrators()} - {RGB_ONLY})
 
 
-PATHS = ("prb", "prb_basic", "prb_projective")
-PRIMAL = {
-    "direct_projective": "direct",
-    "prbvolpath": "volpath",
-    **dict.fromkeys(PATHS, "path"),
-}
-"""Integrators for gradients, and the one that renders the same image."""
-
-
 def ready(variant: str = "llvm_ad_spectral") -> Any:
     return use(choose_variant(skip_unless_usable(variant)))
 
@@ -106,24 +97,6 @@ def test_the_command_line_renders_it(tmp_path: Path, cli: Callable[..., Any]) ->
     done = cli("render", scene, "-o", tmp_path / "out", *flags)
     assert done.exit_code == 0, done.stderr
     assert (tmp_path / "out" / "frame.tiff").is_file()
-
-
-@pytest.mark.parametrize("integrator", one_in(3, PRIMAL))
-def test_in_a_room_its_light_is_that_of_its_primal_integrator(integrator: str) -> None:
-    """Where reflected light counts, so that direct is not path."""
-    ready()
-    room = (
-        '<shape type="sphere"><boolean name="flip_normals" value="true"/><float name="radius" value="9"/></shape>'
-        '<shape type="sphere"><point name="center" value="0, 3, 4"/><emitter type="area">'
-        '<spectrum name="radiance" value="1e-3"/></emitter></shape>'
-    )
-    asked: Any = {"spp": 64, "wavelength_nm": 550, "denoise": False}
-    both = []
-    for seed, kind in enumerate((integrator, PRIMAL[integrator]), 1):
-        element = '<integrator type="direct"/>' if kind == "direct" else DEPTH.format(kind)
-        scene = scene_text(room, element)
-        both.append(ms.render(scene, CAMERA, EXPOSURE, seed=seed, **asked))
-    assert_same_light(*both)
 
 
 def test_a_plugin_of_the_user_s_own_may_stand_in_a_dict() -> None:

@@ -115,16 +115,18 @@ def test_a_camera_that_sees_nothing_beyond_keeps_its_bytes(tmp_path: Path) -> No
 
 
 def test_up_to_700_nm_a_colour_under_a_rule_is_mitsubas() -> None:
-    """A band about 650 nm of a camera that sees as far as 1000 nm."""
-    held = ms.render(scene(RGB), INFRARED, EXPOSURE, **SMALL)
-    plain = ms.render(scene(RGB), VISIBLE, EXPOSURE, **SMALL)
-    grey = [ms.render(scene(GREY), camera, EXPOSURE, **SMALL) for camera in (INFRARED, VISIBLE)]
+    """A band about 650 nm of a camera that sees as far as 1000 nm. The wavelengths that are drawn within the band leave
+    0.2 % of noise."""
+    many = {**SMALL, "spp": 400}
+    held = ms.render(scene(RGB), INFRARED, EXPOSURE, **many)
+    plain = ms.render(scene(RGB), VISIBLE, EXPOSURE, **many)
+    grey = [ms.render(scene(GREY), camera, EXPOSURE, **many) for camera in (INFRARED, VISIBLE)]
     at = [int(np.argmin(np.abs(light.wavelengths_nm - 655))) for light in (held, plain)]
     ratios = [
         light.data[..., band].mean() / one.data[..., band].mean()
         for light, one, band in zip((held, plain), grey, at, strict=True)
     ]
-    assert ratios[0] == pytest.approx(ratios[1], rel=1e-3)
+    assert ratios[0] == pytest.approx(ratios[1], rel=5e-3)
 
 
 SMALL: dict[str, Any] = {"width": 4, "spp": 64, "variant": "scalar_spectral", "denoise": False}
@@ -186,7 +188,7 @@ def test_refusing_names_the_materials_and_where_they_are() -> None:
         ({"green": "grass"}, "infrared of 'green' is 'grass'; the materials are vegetation"),
         (
             "gren=soil",
-            "named 'gren'; those that have one are green, leaf_1. Did you mean 'green'",
+            "named 'gren'; they are named green, leaf_1. Did you mean 'green'",
         ),
         (
             ["green=soil", "leaf_1=sand"],

@@ -37,7 +37,6 @@ from mitsuba_sensor.stages.effects.dark_current import mean_dark_e
 from mitsuba_sensor.stages.effects.source_follower_noise import SourceFollowerNoise
 from mitsuba_sensor.stages.gains import gain_dn_per_e, sense_gain_v_per_e
 
-VISIBLE = np.arange(360.0, 831.0)  # nm
 CAMERA = ms.load_camera("konnik_table1")
 EXPOSURE = ms.Exposure(0.1)
 SMALL = {"width": 16, "height": 16}
@@ -296,24 +295,6 @@ def test_cube_covers_the_band_of_the_camera_and_clips_its_last_band() -> None:
     )
     np.testing.assert_allclose(light.bandwidths_nm, [70, 70, 70, 70, 20])
     np.testing.assert_allclose(light.wavelengths_nm, [435, 505, 575, 645, 690])
-
-
-def test_colour_camera_weighs_each_pixel_behind_its_own_filter() -> None:
-    """relative_error of a Bayer camera has the period of its mosaic: a red pixel sees other bands than a blue one."""
-    camera = ms.load_camera("bayer_2mp")
-    light = ms.render(
-        SCENES / "flat_field.xml",
-        camera,
-        EXPOSURE,
-        spp=64,
-        bandwidth_nm=40,
-        parameters={"width": 32, "height": 32},
-        variant="scalar_spectral",
-    )
-    by_filter = [
-        light.relative_error[camera.filter_index((32, 32)) == f].mean() for f in range(3)
-    ]
-    assert np.ptp(by_filter) > 0.05 * np.mean(by_filter)
 
 
 @pytest.mark.parametrize(

@@ -102,15 +102,6 @@ def test_groups_are_named_by_patterns_and_the_rest_is_other(light: ms.Irradiance
     assert "light groups area 1, lamps 1, other 1" in repr(light)
 
 
-def test_a_group_that_is_named_twice_has_the_emitters_of_both(tmp_path: Path) -> None:
-    asked = ["lamps=lamp_1", "lamps=lamp_2", "rest=area,env"]
-    prepared = prepare(scene_of(tmp_path, "all"), CAMERA, EXPOSURE, light_groups=asked)
-    assert [(group.name, len(group.emitters)) for group in prepared.light_groups] == [
-        ("lamps", 2),
-        ("rest", 2),
-    ]
-
-
 def test_auto_makes_a_group_of_each_emitter_with_an_id(tmp_path: Path) -> None:
     nameless = '<emitter type="constant"><spectrum name="radiance" value="0.005"/></emitter>'
     text = f'<scene version="3.0.0">{VIEW}{FLOOR}{AREA}{SPOT}{nameless}</scene>'
@@ -269,14 +260,14 @@ BAD = {
     "no pattern": ({"light_groups": "sky"}, "light_groups has 'sky'"),
     "no groups": ({"light_groups": {}}, "pass 'auto'"),
     "a number": ({"light_groups": 3}, "pass 'auto'"),
-    "a name with a dot": ({"light_groups": {"a.b": "env"}}, "a group is a name of letters"),
+    "a name with a dot": ({"light_groups": {"a.b": "env"}}, "give a name of letters"),
     "unknown level": (
         {"light_groups": "auto", "lights": {"skies": 1}},
         "no light group 'skies'",
     ),
     "negative level": ({"light_groups": "auto", "lights": {"env": -1}}, "the level of env"),
     "no level": ({"lights": ["env"]}, "neither a level nor a waveform"),
-    "no groups to change": ({"lights": {"env": 1}}, "--light-groups auto"),
+    "no groups to change": ({"lights": {"env": 1}}, "light_groups='auto'"),
     "a render for each frame": (
         {"lights": {"env": 1}, "render_noise": "per-frame"},
         "omit one of them",

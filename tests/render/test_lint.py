@@ -242,20 +242,6 @@ def seen_from_origin(lamp: dict[str, Any], wavelengths_nm: list[float]) -> np.nd
 
 
 D65_RATIO = 117.008 / 80.0268  # of 450 nm to 650 nm; CIE
-FACING = {"spot", "projector", "area"}
-
-
-@pytest.mark.parametrize(
-    "kind", ["constant", "point", "spot", "directional", "projector", "area"]
-)
-def test_mitsuba_gives_a_light_without_a_spectrum_that_of_d65(kind: str) -> None:
-    look = mitsuba().ScalarTransform4f().look_at([0, 0, 2], [0, 0, 0], [0, 1, 0])
-    of_kind = {"directional": {"direction": [0, 0, -1]}, "point": {"position": [0, 0, 2]}}
-    lamp = {"type": kind, **of_kind.get(kind, {"to_world": look} if kind in FACING else {})}
-    if kind == "area":
-        lamp = {"type": "rectangle", "to_world": look, "emitter": {"type": kind}}
-    ((below, blue, red, above),) = seen_from_origin(lamp, [355.0, 450.0, 650.0, 835.0])
-    assert below == above == 0.0 and blue / red == pytest.approx(D65_RATIO, rel=1e-3)
 
 
 def test_what_is_called_black_or_d65_is_so(tmp_path: Path) -> None:
@@ -312,7 +298,7 @@ def test_the_exit_code_and_json_tell_light_that_is_wrong_from_notes(
     path = write_scene(tmp_path, scene(element))
     done = cli("lint", path, "--variant", "scalar_spectral")
     assert done.exit_code == code, done.output
-    assert ("nothing to say" in done.stdout) == (not element)
+    assert ("findings: none" in done.stdout) == (not element)
     found = json.loads(cli("lint", path, "--variant", "scalar_spectral", "--json").stdout)
     assert [set(one) for one in found] == [{"level", "where", "what", "remedy"}] * bool(element)
 
@@ -365,7 +351,9 @@ def test_a_metal_reflects_beyond_its_table_what_its_last_indices_do() -> None:
 def test_the_share_of_the_photoelectrons_that_rests_on_a_table_is_told() -> None:
     """Of a flat sensor: with E ∝ R(λ) the electrons of the bands beyond 885.57 nm, of all, weighed by λ."""
     light = head_on(NAMED)
-    (note,) = (note for note in light.notes if "where data of the scene end" in note)
+    (note,) = (
+        note for note in light.notes if "where Mitsuba's table of 'Cr' in 1 place ends" in note
+    )
     nm = light.wavelengths_nm
     electrons = light.data.mean(axis=(0, 1), dtype=float) * nm
     share = electrons[nm > 880].sum() / electrons.sum()  # the band from 880 nm reaches beyond
@@ -487,11 +475,8 @@ def test_an_aperture_that_no_lens_has_is_told(
 @pytest.mark.parametrize(
     ("kind", "radius", "centre", "distances"),
     [
-        exhaustive("sphere", 1.0, 0.0, (2500, 10_000)),
-        exhaustive("sphere", 100.0, 0.0, (120_000, 1_000_000)),
         exhaustive("sphere", 1.0, 100.0, (100_000, 1_000_000)),
         ("cylinder", 1.0, 0.0, (40, 100)),
-        exhaustive("cylinder", 0.01, 0.0, (3, 8)),
         exhaustive("cylinder", 100.0, 100.0, (3000, 10_000)),
         exhaustive("disk", 1.0, 0.0, (1200, 5000)),
         exhaustive("rectangle", 1.0, 0.0, (40, 1_000_000)),
@@ -623,7 +608,5 @@ def test_prbvolpath_begins_in_a_vacuum(folder: Path) -> None:
     )
     assert any("'prbvolpath' begins in a vacuum" in one.what for one in findings(folder, prb))
     options: Any = {"spp": 64, "wavelength_nm": 550, "denoise": False, "width": 4}
-    lights = [
-        ms.render(one, VISIBLE, EXPOSURE, **options).data.mean() for one in (prb, volpath)
-    ]
-    assert lights[0] > 2 * lights[1]
+    absent, present = (ms.render(text, VISIBLE, EXPOSURE, **options) for text in (prb, volpath))
+    assert absent.data.mean() > 2 * present.data.mean()

@@ -119,14 +119,14 @@ def test_white_has_the_electrons_of_daylight_up_to_830_nm(name: str) -> None:
 @pytest.mark.parametrize(
     ("rgb", "options", "sentence"),
     [
-        (np.moveaxis(PICTURE, -1, 0), {"unit": "srgb"}, "colour planes first; give"),
+        (np.moveaxis(PICTURE, -1, 0), {"unit": "srgb"}, r"e\.g\. np\.moveaxis\(rgb, 0, -1\)"),
         ("picture.png", {}, r"is the file name 'picture.png'; .*PIL\.Image\.open"),
-        (np.ones((6, 8, 4)), {}, r"with transparency; pass rgb\[\.\.\., :3\]"),
+        (np.ones((6, 8, 4)), {}, r"without transparency, .*rgb\[\.\.\., :3\]"),
         (PICTURE[..., 0], {}, r"shape \(6, 8\); pass \(H, W, 3\)"),
-        (PICTURE, {}, 'unit is not given, .*pass unit="srgb" .* e.g. white_cd_per_m2=200'),
+        (PICTURE, {}, "unit is not given, .*pass unit='srgb' .* e.g. white_cd_per_m2=200"),
         (PICTURE / 255, {}, "unit is not given, .*73 000 cd/m²"),
         (PICTURE, {"unit": "cd_per_m2"}, 'pass unit="srgb" and white_cd_per_m2'),
-        (PICTURE, {"unit": "srgb"}, "say how bright its white is"),
+        (PICTURE, {"unit": "srgb"}, "give the luminance of its white"),
         (PICTURE / 255, {"unit": "cd_per_m2", "white_cd_per_m2": 20}, 'is for unit "srgb"'),
         (PICTURE / 1.0, {"unit": "srgb", "white_cd_per_m2": 20}, "from 0 to 1"),
         (0.0 - PICTURE, {"unit": "cd_per_m2"}, "negative or not finite"),

@@ -102,14 +102,14 @@ def test_light_that_only_a_parameter_brings_into_the_bands_is_light(tmp_path: Pa
     [
         ({"lamp.radiance.valve": 1}, "does not have.*Did you mean 'lamp.radiance.value'"),
         ({"x": 1}, "does not have: it has .*lamp.radiance.value, .*directly in <scene>"),
-        ({VALUE: [1, 2]}, "has 2 numbers; it takes one number"),
+        ({VALUE: [1, 2]}, "the number of values must be 1"),
         ({VALUE: float("nan")}, "must be a finite number"),
         ({VALUE: 1e39}, "must be a finite number"),
         ({VALUE: "bright"}, "must be a finite number"),
         ({VALUE: True}, "must be a finite number"),
         ({VALUE: []}, "has 0 numbers"),
         ({VALUE: [1] * 17}, "has 17 numbers"),
-        ({"wall.to_world": 1}, "it takes 16 numbers"),
+        ({"wall.to_world": 1}, "the number of values must be 16"),
         ({"wall.to_world": [0] * 16}, "is not a transform"),
         ({"eye.film.size": [4, 4]}, "film or sampler"),
         ({"object_140487374245648.x_fov": 3}, "give an id to the shape"),
@@ -129,6 +129,17 @@ def test_parameters_that_cannot_be_set_are_refused(
             scene, TABLE1, EXPOSURE, traverse=traverse, variant="scalar_spectral", **ONE_BAND
         )
     assert "\n" not in str(caught.value)
+
+
+def test_a_nested_element_is_found_by_the_name_that_begins_with_its_shape() -> None:
+    glow = '<emitter type="area" id="glow"><spectrum name="radiance" value="1"/></emitter>'
+    place = '<point name="center" value="0, 0, 3"/>'
+    text = scene_text(f'<shape type="sphere" id="shade">{place}{glow}</shape>', WALL)
+    said = "Did you mean 'shade.emitter.radiance.value'"
+    options: dict[str, Any] = {"variant": "scalar_spectral", **ONE_BAND}
+    with pytest.raises(ms.InputError, match=said):
+        ms.render(text, TABLE1, EXPOSURE, traverse={"glow.radiance.value": 1}, **options)
+    ms.render(text, TABLE1, EXPOSURE, traverse={"shade.emitter.radiance.value": 1}, **options)
 
 
 @scalar_first

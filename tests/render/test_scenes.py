@@ -196,7 +196,7 @@ BROKEN = [
     (shape("spher"), "Did you mean 'sphere'?"),
     (bsdf("rough_plastic"), "Did you mean 'roughplastic'?"),
     (scene_text(SKY, '<integrator type="pathtracer"/>'), "Did you mean 'ptracer'?"),
-    (scene_text(SKY, '<integrator type="prb"/>'), "--integrator path"),
+    (scene_text(SKY, '<integrator type="prb"/>'), "integrator='path'"),
     (shape("diffuse"), "does not match the expected type"),
     (shape("sphere", RADIUS.replace("radius", "radios").format(3)), "radios"),
     (shape("sphere", RADIUS.format("$r")), "-D name=value"),

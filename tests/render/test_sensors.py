@@ -116,7 +116,7 @@ def test_sentences_name_the_sensors() -> None:
         ms.render(scene(PAIR), "konnik_table1", EXPOSURE, sensor="all")
     with pytest.raises(ms.InputError, match="give the id of a sensor"):
         ms.capture(scene(PAIR), "konnik_table1", EXPOSURE, sensor=1.5)  # type: ignore[arg-type]
-    with pytest.raises(ms.InputError, match=r"all 2 sensors would be in one place"):
+    with pytest.raises(ms.InputError, match=r"would put all 2 sensors in one place"):
         ms.capture(scene(PAIR), "konnik_table1", EXPOSURE, sensor="all", look_at="0,0,4 0,0,0")
     keys = {"camera": {"keys": [{"time_s": 0, "origin_m": [0, 0, 4], "target_m": [0, 0, 0]}]}}
     with pytest.raises(ms.InputError, match=r"the motion has a pose .* move_m and turn_deg"):

@@ -13,7 +13,6 @@ from PIL import Image
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.files.raw_files import read_raw
-from mitsuba_sensor.optics.shutter import Shutter, shutter_of, subframes
 from mitsuba_sensor.render.passes.prepared import PreparedRender
 
 CAMERA = ms.load_camera("konnik_table1")
@@ -149,15 +148,6 @@ def test_the_files_of_a_series(tmp_path: Path, series: tuple[ms.Capture, list[fl
     assert captured.frames.clean_of_each.shape == captured.frames.digital.shape
     ms.capture(SCENE, CAMERA, EXPOSURE, **QUICK).save(out)
     assert not (out / "frames.webp").exists()
-
-
-def test_a_shutter_of_a_later_frame_has_the_same_subframes_later() -> None:
-    rolling = CAMERA.replace(**{"sensor.shutter": "rolling", "sensor.row_time_us": 25.0})
-    now, later = shutter_of(rolling, EXPOSURE), shutter_of(rolling, EXPOSURE, 0.5)
-    assert later == Shutter(1e-3, now.row_time_s, 0.5)
-    parts = [subframes(one, (3, 40), 5, 4e-4, 0.3) for one in (now, later)]
-    np.testing.assert_allclose(parts[1][0], parts[0][0] + 0.5, rtol=1e-9)
-    np.testing.assert_array_equal(parts[1][1], parts[0][1])
 
 
 BAD: dict[str, tuple[dict[str, Any], str]] = {

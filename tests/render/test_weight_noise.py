@@ -34,21 +34,6 @@ def prepared(scene: Any, cam: ms.Camera, **options: Any) -> PreparedRender:
     return prepare(scene, cam, EXPOSURE, **{**usual, **options})
 
 
-@pytest.mark.exhaustive
-@pytest.mark.parametrize(
-    ("scene", "spectral"), [("flat_field", "channels"), ("still_life", "auto")]
-)
-def test_what_the_weights_add_has_the_mean_0(scene: str, spectral: str) -> None:
-    """d of every filter over half a million rays, pinhole and thin lens: within five standard errors of 0."""
-    render = prepared(scene, camera(), spectral=spectral).scene
-    columns, rows = render.view.crop_size
-    excess = render.render(1, 1024, (0, rows))[..., -3:].reshape(-1, 3)
-    assert len(excess) == columns * rows
-    error = excess.std(axis=0) / math.sqrt(len(excess))
-    assert (error > 0).all() and (np.abs(excess.mean(axis=0)) < 5 * error).all()
-    assert error.max() < 1e-3
-
-
 def test_an_even_field_has_hardly_more_noise_with_diffraction() -> None:
     """64 samples: variance of the photoelectrons at most 1.5 times that without; it was 21 times."""
     variances = [

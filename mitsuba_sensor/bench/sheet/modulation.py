@@ -51,7 +51,7 @@ from .optics import (
 
 FREQUENCIES = 0.125, 0.25, 0.5
 """Frequencies of the MTF on the sheet [cycles per pixel]."""
-EDGE_DEG, EDGE_PX = 5.0, (128, 64)
+EDGE_DEG, EDGE_PX = 5.0, (96, 64)
 """Angle of an edge from the columns or rows, and its size along and across, in each plane of the mosaic."""
 EDGE_DARK, EDGE_BRIGHT, EDGE_SPP = 0.1, 0.5, 128
 """Light of the dark side over the bright side, bright side over saturation, and samples of the render."""

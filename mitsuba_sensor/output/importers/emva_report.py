@@ -41,7 +41,7 @@ def read_report(text: str, file: str, like: Camera) -> Draft:
         gain = draft.number("K", report["gain"])
     else:
         gain = 1 / draft.number("inverse_K", report["inverse"])
-    why = f"as {like.name}, because the report has no bit depth (--set adc.bits=12)"
+    why = f"as {like.name}, because the report has no bit depth (set adc.bits)"
     draft.assume("adc.bits", draft.bits, why)
     draft.set_gain(gain, "K")
     read_noise_e = draft.number("sigma_d", report["read"], -1e-9)

@@ -58,7 +58,7 @@ def read_tuning(data: dict[str, Any], file: str, like: Camera) -> Draft:
     if decompand.get("decompand_curve") is not None:
         _set_companding(draft, decompand)
     else:
-        why = f"as {like.name}, because the file has a scale of 16 bits (--set adc.bits=12)"
+        why = f"as {like.name}, because the file has a scale of 16 bits (set adc.bits)"
         draft.assume("adc.bits", draft.bits, why)
     dn_per_dn16 = 2.0 ** (draft.bits - SCALE_BITS)
     black_dn = _black_dn16(settings("rpi.black_level"), draft) * dn_per_dn16

@@ -91,7 +91,8 @@ def denoise(
     mean, error2 = np.empty_like(variance), np.empty_like(variance)
     weights, shifts = [], []
     for phase in _phases(periods):
-        albedo, normal = (None, None) if guides is None else (x[phase] for x in guides)
+        albedo = None if guides is None else guides.albedo[phase]
+        normal = None if guides is None else guides.normal[phase]
         even, odd = (np.ascontiguousarray(half[phase]) for half in halves)
         with Network(even.shape[:2], normal) as network:
             smooth = [_filtered(network, half, albedo) for half in (even, odd)]

@@ -1,4 +1,4 @@
-"""Bands and film: a render's spectral channels (adjacent bands, one band or colour filters), one film channel each."""
+"""The spectral channels of a render (adjacent bands, one band or colour filters), and the film that measures them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,25 +20,16 @@ from ...optics.f_number_law import transmittance
 from ..samples import LONGEST_NM, NARROWEST_NM, SHORTEST_NM
 from ..variants import MitsubaObject, mitsuba
 
-if TYPE_CHECKING:
-    pass
-
-BANDWIDTH_NM = 10.0  # of each band, unless asked otherwise
+BANDWIDTH_NM = 10.0  # default width of a band
 GROUP = 4  # wavelengths that Mitsuba samples for one path
 NODES = 17  # of a box in a cube; the density of wavelengths has the same nodes
-STEPS_NM = (
-    1.0,
-    0.5,
-    0.25,
-    0.2,
-    0.1,
-    0.05,
-)  # of tabulated responses, linear in between: the first that meets all kinks
+STEPS_NM = (1.0, 0.5, 0.25, 0.2, 0.1, 0.05)
+"""Steps of tabulated responses, linear in between: the first step that meets all kinks is taken."""
 DENSITY_STEPS = 64  # see round_wavelength_density
-NOTHING = 1e-30  # in place of 0
+SMALLEST = 1e-30  # replaces 0
 SPECTRAL = ("auto", "cube", "channels")
 FACTORS = (0.0, 1e3)
-"""A band frees at most so many times the electrons of a flat spectrum; beyond it is rounding."""
+"""Limits of the electrons of a band over those of a flat spectrum; values outside are rounding errors."""
 
 BandKind = Literal["cube", "single", "channels"]
 
@@ -47,16 +38,16 @@ BandKind = Literal["cube", "single", "channels"]
 class Bands:
     """The channels of one film.
 
-    kind : "cube" or "single", boxes of height 1, with the lens's transmission still to be applied; or "channels", one
-        response T(λ)·QE(λ)·λ/λ_ref per colour filter, so that ∫E dλ of a channel at λ_ref gives the photoelectrons.
-    edges_nm : (B + 1,) of the boxes; for channels the two ends of the camera's band.
-    wavelengths_nm, bandwidths_nm : (B,) centres and widths; λ_ref and 1 nm for every channel.
-    responses : of the channels of the film, Mitsuba spectra: (B,), and behind them of ``filters`` colour filters for
-        every group of bands, like those of kind "channels" below.
-    transmission : (B,) of the lens, still to be applied; 1 where it is part of the responses.
+    kind : "cube" or "single", boxes of height 1, to be multiplied by the lens's transmission; or "channels", one
+        response T(λ)·QE(λ)·λ/λ_ref per colour filter, so ∫E dλ of a channel at λ_ref gives the photoelectrons.
+    edges_nm : edges of the boxes, shape (B + 1,); for channels the two ends of the camera's band.
+    wavelengths_nm, bandwidths_nm : centres and widths, shape (B,); λ_ref and 1 nm for every channel.
+    responses : Mitsuba spectra of the B channels of the film, followed by the responses of ``filters`` colour filters
+        for every group of bands, like those of kind "channels".
+    transmission : of the lens, shape (B,), still to be applied; 1 if it is part of the responses.
     response : None, or the fingerprint of the camera whose filters are in the responses.
-    grouped : whether bands are rendered in groups of four: less noise in each band, more in their sum.
-    light_scale : what all emitters are multiplied by.
+    grouped : True if bands are rendered in groups of four, with less noise in each band and more in their sum.
+    light_scale : factor on all emitters.
     """
 
     kind: BandKind
@@ -72,21 +63,23 @@ class Bands:
 
     @property
     def reference_nm(self) -> float:
-        """λ_ref of the colour filters: the middle of all bands."""
+        """λ_ref of the colour filters [nm]: the middle of all bands."""
         return float(self.edges_nm[0] + self.edges_nm[-1]) / 2
 
     @property
     def scale(self) -> Float64Array:
-        """Irradiance over what the film has, (B + filters,): T/Δλ of a band, 1 of a filter, times ``light_scale``."""
+        """Irradiance over the value in the film, shape (B + filters,): T/Δλ of a band, 1 of a filter, times
+        ``light_scale``."""
         scale = np.append(self.transmission / self.bandwidths_nm, np.ones(self.filters))
         return np.asarray(self.light_scale * scale)
 
     @property
     def groups(self) -> tuple[slice, ...]:
-        """The channels that share light paths: four bands at a time where they are ``grouped``, else all.
+        """The channels that share light paths: four bands at a time if ``grouped``, else all.
 
-        Mitsuba samples four equidistant wavelengths per path: of four equal bands each gets exactly one, of thirty most
-        get none. That is noise of each band, but less noise of the sum over all, which a frame of this camera measures.
+        Mitsuba samples four equidistant wavelengths per path. With four equal bands each band gets exactly one
+        wavelength; with thirty bands most get none, which adds noise to each band but not to the sum that a frame
+        measures.
         """
         if not self.grouped or len(self) <= GROUP:
             return (slice(0, len(self)),)
@@ -94,16 +87,16 @@ class Bands:
 
     @property
     def first_filter(self) -> int:
-        """Number of the first channel of the film that is a colour filter."""
+        """Index of the first channel of the film that is a colour filter."""
         return 0 if self.kind == "channels" else len(self)
 
     @property
     def ends_nm(self) -> tuple[float, float]:
-        """Where the first channel begins, and where the last one ends."""
+        """Ends of the range of all channels [nm]."""
         return float(self.edges_nm[0]), float(self.edges_nm[-1])
 
     def ends_of(self, group: slice) -> tuple[float, float]:
-        """Where the first band of a group begins, and where its last one ends."""
+        """Return the ends of the range of a group of bands [nm]."""
         return float(self.edges_nm[group.start]), float(self.edges_nm[group.stop])
 
     def __len__(self) -> int:
@@ -113,19 +106,19 @@ class Bands:
 def choose_bands(
     camera: Camera, wavelength_nm: float | None, bandwidth_nm: float, spectral: str
 ) -> Bands:
-    """The channels for a render of this camera. Raises InputError.
+    """Return the channels for a render of this camera. Raises InputError.
 
     wavelength_nm : centre of a single band.
-    spectral : "auto", adjacent bands of ``bandwidth_nm`` over the camera's band (the last one may be narrower), least
-        noise in this camera's frame; "cube", the same bands, least noise in each; "channels", its colour filters.
+    spectral : "auto", adjacent bands of ``bandwidth_nm`` over the camera's band (the last may be narrower), with least
+        noise in this camera's frame; "cube", the same bands with least noise in each; "channels", its colour filters.
     """
     if spectral not in SPECTRAL:
         raise InputError(f"spectral is {spectral!r}; it must be one of {', '.join(SPECTRAL)}.")
     if spectral == "channels":
         if wavelength_nm is not None:
             raise InputError(
-                "spectral is 'channels' and wavelength_nm is given; a single band has no colour filters: "
-                "leave one of them out."
+                "spectral is 'channels' and wavelength_nm is given, but a single band has no colour filters; remove "
+                "one of the two."
             )
         return channel_bands(camera)
     width = require(
@@ -147,33 +140,28 @@ def choose_bands(
 
 
 def box_bands(camera: Camera, edges_nm: Float64Array) -> Bands:
-    """Adjacent boxes of height 1 between the edges, (B + 1,): ∫L dλ over each; ∫T·L dλ behind a coloured lens.
+    """Return adjacent boxes of height 1 between the edges, shape (B + 1,): ∫L dλ over each, or ∫T·L dλ if the lens has
+    a transmission curve.
 
-    A box is a ``regular`` spectrum: an ``irregular`` one needs a search for every sample and band (a 30-band film was
-    1.5 to 1.7 times slower with it), and ``uniform`` cannot be a response.
+    A box is a ``regular`` spectrum: ``irregular`` needs a search for every sample and band (a film of 30 bands was 1.5
+    to 1.7 times slower), and ``uniform`` cannot be a response.
     """
-    edges = edges_nm.tolist()
-    width = max(edges[1] - edges[0], 1e-9)
-    centres = (edges_nm[:-1] + edges_nm[1:]) / 2
+    edges, centres = edges_nm.tolist(), (edges_nm[:-1] + edges_nm[1:]) / 2
     kind: BandKind = "cube" if len(centres) > 1 else "single"
+    boxes, transmission = list[dict[str, object]](), transmittance(camera, centres)
     if camera.lens.transmission_curve is not None:
-        lens = tuple(_lens_response(camera, low, high) for low, high in pairwise(edges))
-        return Bands(kind, edges_nm, centres, np.diff(edges_nm), lens, np.ones(len(centres)))
-    boxes = tuple(
-        _regular(
-            low,
-            high,
-            [1.0] * (NODES if len(edges) > GROUP + 1 and high - low > 0.999 * width else 2),
-        )
-        for low, high in pairwise(edges)
-    )
-    return Bands(
-        kind, edges_nm, centres, np.diff(edges_nm), boxes, transmittance(camera, centres)
-    )
+        transmission = np.ones(len(centres))
+    for low, high in pairwise(edges):
+        is_whole = high - low > 0.999 * max(edges[1] - edges[0], 1e-9)
+        values = [1.0] * (NODES if len(edges) > GROUP + 1 and is_whole else 2)
+        if camera.lens.transmission_curve is not None:
+            values = transmittance(camera, _nodes(camera, low, high)).tolist()
+        boxes.append(_regular(low, high, values))
+    return Bands(kind, edges_nm, centres, np.diff(edges_nm), tuple(boxes), transmission)
 
 
 def channel_bands(camera: Camera) -> Bands:
-    """One response per colour filter, T(λ)·QE(λ)·λ/λ_ref, of the pixels behind it (paper eq. 12 and 14)."""
+    """Return one response T(λ)·QE(λ)·λ/λ_ref for the pixels behind each colour filter (paper eqs. 12 and 14)."""
     if camera.quantum_efficiency.quantum_yield is not None:
         raise InputError(
             "spectral is 'channels' and the camera has a quantum_yield, which needs bands; take 'cube'."
@@ -189,7 +177,7 @@ def channel_bands(camera: Camera) -> Bands:
 def filter_responses(
     camera: Camera, low_nm: float, high_nm: float, reference_nm: float
 ) -> tuple[dict[str, object], ...]:
-    """T(λ)·QE(λ)·λ/λ_ref of every filter from one wavelength to another, 0 beyond them."""
+    """Return T(λ)·QE(λ)·λ/λ_ref of every filter between two wavelengths, 0 outside."""
     nodes = _nodes(camera, low_nm, high_nm)
     curves = (
         np.atleast_2d(camera.qe(nodes)) * transmittance(camera, nodes) * nodes / reference_nm
@@ -197,85 +185,58 @@ def filter_responses(
     return tuple(_regular(low_nm, high_nm, curve.tolist()) for curve in curves)
 
 
-def _lens_response(camera: Camera, low_nm: float, high_nm: float) -> dict[str, object]:
-    """T(λ) from one wavelength to another, 0 beyond them."""
-    nodes = _nodes(camera, low_nm, high_nm)
-    return _regular(low_nm, high_nm, transmittance(camera, nodes).tolist())
-
-
 def _nodes(camera: Camera, low_nm: float, high_nm: float) -> Float64Array:
-    """Equidistant wavelengths, among them the points of the camera's curves where these are on a grid of 0.05 nm."""
-    points = np.array(
-        [
-            *camera.quantum_efficiency.wavelengths_nm,
-            *(camera.lens.transmission_wavelengths_nm or ()),
-        ]
-    )
+    """Return equidistant wavelengths that include the points of the camera's curves, if these lie on a grid of
+    0.05 nm."""
+    lens_nm = camera.lens.transmission_wavelengths_nm or ()
+    points = np.array([*camera.quantum_efficiency.wavelengths_nm, *lens_nm])
     kinks = np.append(points[(points > low_nm) & (points < high_nm)], high_nm) - low_nm
     met = (
         step
         for step in STEPS_NM
         if np.allclose(kinks / step, np.round(kinks / step), atol=1e-6)
     )
-    return np.linspace(
-        low_nm,
-        high_nm,
-        max(math.ceil((high_nm - low_nm) / next(met, STEPS_NM[-1]) - 1e-6), 1) + 1,
-    )
+    count = max(math.ceil((high_nm - low_nm) / next(met, STEPS_NM[-1]) - 1e-6), 1)
+    return np.linspace(low_nm, high_nm, count + 1)
 
 
 def _regular(low_nm: float, high_nm: float, values: list[float]) -> dict[str, object]:
-    """A Mitsuba spectrum of equidistant nodes; Mitsuba refuses one that is 0 everywhere."""
-    text = ", ".join(
-        repr(float(v)) for v in (values if any(values) else [NOTHING] * len(values))
-    )
-    return {
-        "type": "regular",
-        "wavelength_min": low_nm,
-        "wavelength_max": high_nm,
-        "values": text,
-    }
+    """Return a Mitsuba spectrum of equidistant nodes; Mitsuba rejects a spectrum that is 0 everywhere."""
+    text = ", ".join(repr(float(v) if any(values) else SMALLEST) for v in values)
+    ends = {"wavelength_min": low_nm, "wavelength_max": high_nm}
+    return {"type": "regular", **ends, "values": text}
 
 
 def response_film(
     responses: Sequence[Mapping[str, object]], size: Mapping[str, int | str]
 ) -> MitsubaObject:
-    """A specfilm with one channel ∫ response·L dλ for each response (a Mitsuba spectrum)."""
-    channels = {
-        f"band{k:04d}": film_response(response) for k, response in enumerate(responses)
-    }  # in order of names
-    film = mitsuba().load_dict(
-        {
-            "type": "specfilm",
-            "component_format": "float32",
-            "rfilter": {"type": "box"},
-            **size,
-            **channels,
-        }
-    )
+    """Return a specfilm with one channel ∫ response·L dλ for each response (a Mitsuba spectrum)."""
+    kind = {"type": "specfilm", "component_format": "float32", "rfilter": {"type": "box"}}
+    # The film sorts its channels by name.
+    channels = {f"band{k:04d}": film_response(x) for k, x in enumerate(responses)}
+    film = mitsuba().load_dict({**kind, **size, **channels})
     round_wavelength_density(film)
     return film
 
 
 def restrict_wavelengths(film: MitsubaObject, low_nm: float, high_nm: float) -> None:
-    """Sample wavelengths only, and uniformly, between two edges of bands, without compiling a kernel. The density is
-    linear between its nodes: a few samples fall into a sixteenth of a band on either side, and are lost."""
+    """Sample wavelengths uniformly between two edges of bands only, without compiling a kernel. The density is linear
+    between its nodes, so a few samples fall into a sixteenth of a band on either side, and are lost."""
     parameters = mitsuba().traverse(film.sensor_response_function())
     first, last = (float(x) for x in parameters["range"])
     nodes = np.linspace(first, last, len(parameters["values"]))
-    step = (last - first) / (len(nodes) - 1)
-    _set_density(
-        parameters,
-        ((nodes > low_nm - 0.25 * step) & (nodes < high_nm + 0.25 * step)).astype(float),
-    )
+    margin = 0.25 * (last - first) / (len(nodes) - 1)
+    inside = (nodes > low_nm - margin) & (nodes < high_nm + margin)
+    _set_density(parameters, inside.astype(float))
 
 
 def round_wavelength_density(film: MitsubaObject) -> None:
-    """Round the density from which the film samples wavelengths, so that its inversion in float32 is accurate.
+    """Round the density from which the film samples wavelengths, so its inversion in float32 is accurate.
 
-    Mitsuba 3.9.1 inverts the density in float32 with a formula that cancels where neighbouring nodes are nearly, but
-    not exactly, equal: adjacent bands of height 1 ± 3e-7 come out 1 … 2 instead of 1, without visible noise. Rounded
-    to 64 steps, neighbours are equal or clearly different. It stays unbiased: the film divides by the same density.
+    Mitsuba 3.9.1 inverts the density in float32 with a formula that cancels if neighbouring nodes are nearly, but not
+    exactly, equal: adjacent bands of height 1 ± 3e-7 come out between 1 and 2 instead of 1, without visible noise.
+    Rounded to 64 steps, neighbours are equal or clearly different. The film divides by the same density, so the result
+    stays unbiased.
     """
     parameters = mitsuba().traverse(film.sensor_response_function())
     values = np.array(parameters["values"], dtype=float)
@@ -288,64 +249,57 @@ def _set_density(parameters: MitsubaObject, values: Float64Array) -> None:
 
 
 def film_response(response: Mapping[str, object]) -> MitsubaObject:
-    """A Mitsuba spectrum, as a response for a film: a flat one is compared with its ends, where code is compiled."""
-    mi, flat = (
-        mitsuba(),
-        response["type"] == "regular" and len(set(str(response["values"]).split(", "))) == 1,
-    )
+    """Return a Mitsuba spectrum as a response of a film; in compiled variants a flat spectrum becomes a comparison."""
+    mi = mitsuba()
     spectrum = mi.load_dict(dict(response))
-    return (
-        _flat_class(mi.variant())(spectrum)
-        if flat and not mi.variant().startswith("scalar")
-        else spectrum
-    )
+    is_flat = response["type"] == "regular" and len({*str(response["values"]).split(", ")}) == 1
+    if mi.variant().startswith("scalar") or not is_flat:
+        return spectrum
+    return _flat_class(mi.variant())(spectrum)
 
 
 @cache
 def _flat_class(variant: str) -> MitsubaObject:
-    """The spectrum's class; Mitsuba has another base class in every variant."""
+    """Return the class of flat spectra; Mitsuba has another base class in every variant."""
     mi, dr = mitsuba(), drjit()
     assert mi.variant() == variant
     base: MitsubaObject = mi.Texture
 
     class FlatResponse(base):  # type: ignore[misc]
-        """table : the same as one of Mitsuba's spectra."""
+        """table : the same response as one of Mitsuba's spectra."""
 
         def __init__(self, table: MitsubaObject) -> None:
             super().__init__(mi.Properties())
-            self.table = table
-            self.ends_nm, self.height = (
-                [float(nm) for nm in table.wavelength_range()],
-                float(table.max()),
-            )
+            self.table, self.height = table, float(table.max())
+            self.ends_nm = [float(nm) for nm in table.wavelength_range()]
 
         def eval(self, si: MitsubaObject, active: Array = True) -> Array:
-            """Its height from one end to the other, both included, 0 elsewhere: as the table has it."""
+            """Return the height between the ends, both included, and 0 elsewhere, as the table does."""
             low_nm, high_nm = self.ends_nm
             inside = (si.wavelengths >= low_nm) & (si.wavelengths <= high_nm) & active
             return dr.select(inside, mi.UnpolarizedSpectrum(self.height), 0.0)
 
         def wavelength_range(self) -> MitsubaObject:
-            """Where it begins and ends [nm]."""
+            """Return the ends [nm]."""
             return self.table.wavelength_range()
 
         def spectral_resolution(self) -> float:
-            """Distance of the nodes of the table [nm], from which the film takes those of its density."""
+            """Return the distance of the nodes of the table [nm], which the density of the film shares."""
             return float(self.table.spectral_resolution())
 
         def mean(self) -> Array:
-            """Its height."""
+            """Return the height."""
             return mi.Float(self.height)
 
         def max(self) -> float:
-            """Its height."""
+            """Return the height."""
             return self.height
 
         def traverse(self, callback: MitsubaObject) -> None:
-            """It has no parameters."""
+            """Do nothing: there are no parameters."""
 
         def to_string(self) -> str:
-            """For people."""
+            """Return a description."""
             return f"FlatResponse[{self.table}]"
 
     return FlatResponse
@@ -354,33 +308,34 @@ def _flat_class(variant: str) -> MitsubaObject:
 def of_own_filter(
     per_filter: NDArray[np.floating], tile: NDArray[np.integer], origin: tuple[int, int]
 ) -> Float64Array:
-    """(H, W, F), or (H, W, 1) for all filters, as each pixel's own filter has it, (H, W).
+    """Return the values of each pixel's own filter, shape (H, W).
 
-    tile : filter numbers that repeat over the sensor.  origin : (row, column) of the first pixel on it.
+    per_filter : values of each filter, shape (H, W, F), or (H, W, 1) if all filters share them.
+    tile : filter indices that repeat over the sensor.  origin : (row, column) of the first pixel on the sensor.
     """
     if per_filter.shape[2] == 1:
         return np.asarray(per_filter[..., 0], np.float64)
-    found, (down, right) = np.empty(per_filter.shape[:2]), tile.shape
-    for row, column in np.ndindex(tile.shape):
-        here = (
-            slice((row - origin[0]) % down, None, down),
-            slice((column - origin[1]) % right, None, right),
+    values = np.empty(per_filter.shape[:2])
+    for place in np.ndindex(tile.shape):
+        pixels = tuple(
+            slice((k - first) % period, None, period)
+            for k, first, period in zip(place, origin, tile.shape, strict=True)
         )
-        found[here] = per_filter[*here, tile[row, column]]
-    return found
+        values[pixels] = per_filter[*pixels, tile[place]]
+    return values
 
 
 def in_band_factor(
     electrons: NDArray[np.floating], bands: NDArray[np.floating]
 ) -> NDArray[np.float32]:
-    """Photoelectrons over those of the bands with a flat spectrum in each, (H, W); 1 where that is no number."""
+    """Return the photoelectrons over those of bands with flat spectra, shape (H, W); 1 if that is not finite."""
     with np.errstate(divide="ignore", invalid="ignore"):
         factor = electrons / bands
     return np.where(np.isfinite(factor), np.clip(factor, *FACTORS), 1.0).astype(np.float32)
 
 
 def with_filters(bands: Bands, camera: Camera) -> Bands:
-    """The bands, and the responses of the camera's filters in each group of bands that is rendered for itself."""
+    """Return the bands with the responses of the camera's filters in each group of bands."""
     if bands.kind == "channels":
         return bands
     curves = [

@@ -1,4 +1,4 @@
-"""The illuminant of a scene: the mean spectrum that its emitters throw at what the sensor sees."""
+"""The illuminant of a scene: the mean spectrum of its emitters at the surfaces that the sensor sees."""
 
 from __future__ import annotations
 
@@ -18,21 +18,19 @@ from .irradiance import RenderedFor
 if TYPE_CHECKING:
     from ..load.scene import Scene
 
-POINTS, FEW_POINTS = 2048, 16  # of the picture, at each wavelength; few in scalar variants
+POINTS, SCALAR_POINTS = 2048, 16  # of the image, at each wavelength
 STEP_NM, AT_ONCE = 1.0, 4  # between the wavelengths; a spectrum of Mitsuba holds four
-AVERAGED = 5  # wavelengths in a band of the result, so that lines keep their power
-LOWEST_NM, HIGHEST_NM = 360.0, 1100.0  # and to the end of a camera that sees more
+AVERAGED = 5  # wavelengths in a band of the result, so lines keep their power
+LOWEST_NM, HIGHEST_NM = 360.0, 1100.0  # a camera that detects more extends the range
 WHOLE_NM = STEP_NM * AT_ONCE * AVERAGED
-NUMBERS, SEED = (
-    6,
-    3,
-)  # random numbers of a point: where, through which part of the pupil, which part of which emitter
+NUMBERS = 6  # random numbers of a point: place, pupil, and emitter, two each
+SEED = 3
 
 
 def rendered_for(
     scene: Scene, camera: Camera, exposure: Exposure, serial: int | None
 ) -> RenderedFor:
-    """What a light was rendered for, with the illuminant where the camera has colour filters."""
+    """Return camera, exposure and serial number of a light, with the illuminant if the camera has colour filters."""
     illuminant = (
         illuminant_of(scene, camera.band_nm[1]) if len(camera.filter_names) > 1 else None
     )
@@ -42,36 +40,29 @@ def rendered_for(
 
 
 def illuminant_of(scene: Scene, highest_nm: float = HIGHEST_NM) -> Illuminant | None:
-    """Power in bands of 5 nm, to 1100 nm or farther, in a unit that the light groups of a scene share; None where no
-    emitter reaches what is seen.
+    """Return the power in bands of 5 nm, to at least 1100 nm, in a unit that the light groups of a scene share; None if
+    no emitter reaches a visible surface.
 
-    Direct light without its shadows. What colours light on its way, a red wall for example, belongs to the scene.
+    Direct light without shadows. Surfaces that colour the light, e.g. a red wall, belong to the scene.
     """
     mi = mitsuba()
     steps = math.ceil((max(highest_nm, HIGHEST_NM) - LOWEST_NM) / WHOLE_NM)
     wavelengths_nm = LOWEST_NM + np.arange(0, steps * WHOLE_NM, STEP_NM) + 0.5 * STEP_NM
     quarters = wavelengths_nm.reshape(-1, AT_ONCE)
     scalar = mi.variant().startswith("scalar")
-    points = np.random.default_rng(SEED).random((FEW_POINTS if scalar else POINTS, NUMBERS))
+    points = np.random.default_rng(SEED).random((SCALAR_POINTS if scalar else POINTS, NUMBERS))
     if scalar:
-        found = np.array(
-            [
-                [_thrown(scene, point, quarter) for point in points.tolist()]
-                for quarter in quarters.tolist()
-            ]
+        radiance = np.array(
+            [[_thrown(scene, p, nm) for p in points.tolist()] for nm in quarters.tolist()]
         )
     else:
-        dr = (
-            drjit()
-        )  # from lists: each alignment of NumPy's arrays would compile a kernel of its own
+        # Made from lists: each alignment of NumPy's arrays would compile another kernel.
+        dr = drjit()
         drawn = [dr.tile(mi.Float(numbers.tolist()), len(quarters)) for numbers in points.T]
-        thrown = _thrown(
-            scene, drawn, [dr.repeat(mi.Float(nm.tolist()), len(points)) for nm in quarters.T]
-        )
-        found = np.moveaxis(
-            np.array(thrown).reshape(AT_ONCE, len(quarters), len(points)), 0, -1
-        )
-    bands = found.mean(axis=1).reshape(-1, AVERAGED).mean(axis=1)
+        nm = [dr.repeat(mi.Float(nm.tolist()), len(points)) for nm in quarters.T]
+        thrown = np.array(_thrown(scene, drawn, nm))
+        radiance = np.moveaxis(thrown.reshape(AT_ONCE, len(quarters), len(points)), 0, -1)
+    bands = radiance.mean(axis=1).reshape(-1, AVERAGED).mean(axis=1)
     if not (np.isfinite(bands).all() and bands.sum() > 0):
         return None
     return Illuminant(wavelengths_nm.reshape(-1, AVERAGED).mean(axis=1), bands)
@@ -80,7 +71,7 @@ def illuminant_of(scene: Scene, highest_nm: float = HIGHEST_NM) -> Illuminant | 
 def _thrown(
     scene: Scene, numbers: Sequence[MitsubaObject], wavelengths_nm: Sequence[MitsubaObject]
 ) -> MitsubaObject:
-    """Irradiance of one point of each picture from one part of an emitter over its chance, at four wavelengths."""
+    """Return the irradiance of a point by one part of an emitter over its probability, at four wavelengths."""
     mi, dr = mitsuba(), drjit()
     column, row, *pupil, first, second = numbers
     ray, _ = scene.sensor.sample_ray(0.0, 0.5, mi.Point2f(column, row), mi.Point2f(*pupil))

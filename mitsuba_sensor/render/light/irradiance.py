@@ -26,10 +26,10 @@ WHOLE = slice(None), slice(None)
 
 @dataclass(frozen=True, eq=False)
 class RenderedFor:
-    """What an irradiance was rendered for, which an exposure of it takes unless told otherwise.
+    """Camera, exposure and serial number of a render, which an exposure of its light takes by default.
 
-    camera : None where stages were added to it, which a file cannot keep.  serial : number of the camera.
-    illuminant : of the scene, where the camera has colour filters and an emitter was found.
+    camera : None if it has added stages, which a file cannot keep.
+    illuminant : of the scene, if the camera has colour filters and an emitter was found.
     """
 
     camera: Camera | None
@@ -38,32 +38,24 @@ class RenderedFor:
     illuminant: Illuminant | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, ready for JSON."""
-        illuminant = (
-            None
-            if self.illuminant is None
-            else {k: x.tolist() for k, x in self.illuminant._asdict().items()}
-        )
-        camera = None if self.camera is None else self.camera.model_dump(mode="json")
+        """Return plain values for JSON."""
+        illuminant = self.illuminant
         return {
-            "camera": camera,
+            "camera": self.camera and self.camera.model_dump(mode="json"),
             "exposure": asdict(self.exposure),
             "serial": self.serial,
-            "illuminant": illuminant,
+            "illuminant": illuminant
+            and {name: x.tolist() for name, x in illuminant._asdict().items()},
         }
 
     def shared_with(self, camera: Camera, exposure: Exposure, serial: int | None) -> list[str]:
-        """What another exposure of the light has in common with this one."""
-        pairs = {
-            "camera": (camera, self.camera),
-            "exposure": (exposure, self.exposure),
-            "serial": (serial, self.serial),
-        }
-        return [name for name, (other, own) in pairs.items() if other == own]
+        """Return the names of the fields that another exposure of the light shares with the render."""
+        other = {"camera": camera, "exposure": exposure, "serial": serial}
+        return [name for name, value in other.items() if value == getattr(self, name)]
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> RenderedFor:
-        """The inverse. Raises InputError for a camera that cannot be."""
+        """Return the object of such values, the inverse of :meth:`to_dict`. Raises InputError for a wrong camera."""
         camera, light = values["camera"], values["illuminant"]
         return cls(
             None if camera is None else camera_from(camera, "of the irradiance"),
@@ -84,29 +76,28 @@ class Irradiance:
         light = ms.render("cornell_box", camera, exposure, width=64)
         print(light.data.shape, light.wavelengths_nm, light.notes)
 
-    data : (H, W, B) mean over pixel and band [W m⁻² nm⁻¹]; float32, as in a file.
-    wavelengths_nm, bandwidths_nm : (B,) centres and widths of the bands.
-    standard_error : (H, W, B) of the Monte Carlo mean, same unit.
-    relative_error : (H, W) relative standard error of the photoelectrons of the camera that it was rendered for;
-        kept beside ``standard_error`` because the bands of a pixel are correlated.
-    filters : None, or the colour filters whose responses took the place of bands: ``data`` [W m⁻²] is then what would
-        be detected with a quantum efficiency of 1 at ``wavelengths_nm``.
-    in_band : (H, W) photoelectrons of each pixel of the camera that it was rendered for, over those of a spectrum that
-        is flat within each band; None where they are not known.
-    response : the fingerprint of the camera of ``filters`` or ``in_band``.
-    polarizers : the fingerprint of the polarisers that it was rendered for, or None: ``data`` is then for each pixel
-        what unpolarised light would be that passes its polariser as this light does, S0 + c·(S1 cos 2θ + S2 sin 2θ).
-    origin : (row, column) of the first pixel on the sensor: where the film's crop window begins.
-    rendered_for : camera, exposure and serial number, where they are known.
-    raw : the same light before it was denoised, if asked for and denoised; its statistics are its own.
-    pass_error : (H, W) standard error of the photoelectrons by the spread of the passes, before denoising, over the
-        photoelectrons; None where it is not known. See :meth:`error_of_sum`.
-    groups : the light groups by name, each as it was rendered; empty where the light was rendered as a whole.
-    levels : what each group is multiplied by in ``data``, see :meth:`with_lights`.
-    waveforms : of the groups that flicker; ``data`` and its errors are the mean over time. Frames get the light of the
-        time at which their rows are open.
-    later : of a scene that moves, the light of the exposures that follow the first one of a frame, by the read-out that
-        is exposed again; files do not hold it.
+    data : mean over pixel and band, shape (H, W, B), float32 [W m⁻² nm⁻¹].
+    wavelengths_nm, bandwidths_nm : centres and widths of the bands, shape (B,).
+    standard_error : of the Monte Carlo mean, shape (H, W, B) [W m⁻² nm⁻¹].
+    relative_error : relative standard error of the photoelectrons of the camera of the render, shape (H, W). It does
+        not follow from ``standard_error``, because the bands of a pixel are correlated.
+    filters : None, or the colour filters whose responses replace bands; ``data`` [W m⁻²] is then the light that a
+        quantum efficiency of 1 at ``wavelengths_nm`` would detect.
+    in_band : photoelectrons of each pixel of the camera of the render, over those of a spectrum that is flat within
+        each band, shape (H, W); None if unknown.
+    response : fingerprint of the camera of ``filters`` or ``in_band``.
+    polarizers : fingerprint of the polarisers of the render, or None. With polarisers, ``data`` is the unpolarised
+        light of which each pixel's polariser passes as much, S0 + c·(S1 cos 2θ + S2 sin 2θ).
+    origin : (row, column) of the first pixel on the sensor, at the start of the film's crop window.
+    rendered_for : camera, exposure and serial number, if known.
+    raw : the light before denoising, with its own statistics, if it was requested and denoised.
+    pass_error : relative standard error of the photoelectrons by the spread of the passes, before denoising, shape
+        (H, W); None if unknown. See :meth:`error_of_sum`.
+    groups : the light groups by name, as rendered; empty for light that was rendered as a whole.
+    levels : factor of each group in ``data``, see :meth:`with_lights`.
+    waveforms : of the groups that flicker. ``data`` and its errors are means over time; frames get the light at the
+        time when their rows are open.
+    later : of a moving scene, the light of the later exposures of a frame, by readout; files do not contain it.
     """
 
     data: NDArray[np.float32]
@@ -133,16 +124,14 @@ class Irradiance:
         (height, width, count), nm = self.data.shape, self.wavelengths_nm
         what = "filters" if self.filters else "bands"
         size = f"{height} × {width}, {count} {what}, {nm[0]:g} … {nm[-1]:g} nm"
-        said = {name: f"{level:g}" for name, level in self.levels.items()} | dict(
-            self.waveforms
-        )
-        levels = ", ".join(f"{name} {said[name]}" for name in self.groups)
+        texts = {name: f"{x:g}" for name, x in self.levels.items()} | dict(self.waveforms)
+        levels = ", ".join(f"{name} {texts[name]}" for name in self.groups)
         return f"<Irradiance: {size}{levels and f', light groups {levels}'}>"
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on the render that may surprise: what was replaced in the scene, what is black, hints. What only
-        light groups have that are off is left out."""
+        """Notes on possible problems: replacements in the scene, spectra that are black, hints; without notes on light
+        groups that are off."""
         of_groups = {name: light.statistics.notes for name, light in self.groups.items()}
         lit = [name for name in self.groups if self.levels.get(name, 1.0) > 0]
         return without_unlit(self.statistics.notes, of_groups, lit)
@@ -156,7 +145,7 @@ class Irradiance:
         /,
         **named: float | str | Waveform,
     ) -> Irradiance:
-        """The light of the same scene with other lamps on, or with lamps that flicker, without a render.
+        """Return the light of the same scene with other levels or waveforms of its lamps, without a render.
 
         ::
 
@@ -165,32 +154,27 @@ class Irradiance:
             dark = light.with_lights(headlights=0, lamps=0.2)
             flickering = light.with_lights(signals=ms.pwm(90, 0.3), lamps="2 mains(50)")
 
-        levels : by the name of the light group, what it is multiplied by, from as it was rendered, or a waveform with a
-            ``level``; 1 of those that are not named.
-        ``data`` is the mean over time, and standard errors are those of the new sum; the statistics stay those of the
-        render. Raises InputError for a name that the light does not have, and for a level that is negative or not
-        finite.
+        levels : factor on the rendered light, or a waveform with a ``level``, by name of the light group; default 1.
+
+        ``data`` is the mean over time, and standard errors belong to the new sum; the statistics still describe the
+        render. Raises InputError for an unknown name, and for a level that is negative or not finite.
         """
         return with_levels(self, {**(levels or {}), **named})
 
     def of_serial(self, serial: int) -> Irradiance:
-        """The same, remembering this serial number of the camera."""
-        return (
-            self
-            if self.rendered_for is None
-            else replace(self, rendered_for=replace(self.rendered_for, serial=serial))
-        )
+        """Return the light as rendered for this serial number of the camera."""
+        known = self.rendered_for
+        return replace(self, rendered_for=known and replace(known, serial=serial))
 
     def error_of_sum(self, region: Region = WHOLE) -> float:
-        """Relative standard error of the sum of the light over a region, all bands together.
+        """Return the relative standard error of the sum of the light over a region and all bands.
 
-        region : what indexes a map (H, W): a pair of slices (rows, columns), or a mask (H, W) of bool.
+        region : a pair of slices (rows, columns), or a mask of bool, shape (H, W).
 
-        Neighbouring pixels of denoised light have errors in common: the root of the sum of the squares of their error
-        bars is too small. Their sum is at most as uncertain as that of the passes, whose pixels are independent and
-        whose sums denoising keeps, or as if all pixels of the region had one error.
-        Pixels of infinite light do not count. Raises InputError for a region that selects no pixel of the picture, and
-        for light whose passes are not known.
+        Neighbouring pixels of denoised light share errors, so adding their error bars in quadrature gives too small an
+        error. The error of the sum is at most the error from the passes, whose pixels are independent and whose sums
+        denoising keeps, and at most the error of fully correlated pixels. Pixels of infinite light are excluded.
+        Raises InputError for a region without a pixel, and for light without passes.
         """
         if self.pass_error is None:
             raise InputError(
@@ -201,7 +185,7 @@ class Irradiance:
         light = _part(self.data.astype(np.float64) @ width, region)
         finite = np.isfinite(light)
         light = light[finite]
-        own, passes = (
+        errors, passes = (
             _part(x, region)[finite] * light for x in (self.relative_error, self.pass_error)
         )
         total, of_passes = float(light.sum()), math.sqrt(float((passes**2).sum()))
@@ -209,14 +193,15 @@ class Irradiance:
             return 0.0
         if self.statistics.denoised is None:
             return of_passes / total
-        separate, common = math.sqrt(float((own**2).sum())), float(own.sum())
-        return max(separate, min(common, of_passes)) / total
+        independent, correlated = math.sqrt(float((errors**2).sum())), float(errors.sum())
+        return max(independent, min(correlated, of_passes)) / total
 
     def before_denoising(self) -> Irradiance:
-        """The light as it was rendered. Raises InputError where it was denoised and that was not kept."""
+        """Return the light before denoising. Raises InputError if only denoised light was kept."""
         if self.raw is None and self.statistics.denoised is not None:
             raise InputError(
-                "raw_light is asked for and this light is denoised only; render it again with --raw-light."
+                "raw_light needs undenoised light, but this light is only kept denoised; render it again with "
+                "raw_light=True."
             )
         if self.raw is None:
             return self
@@ -225,7 +210,7 @@ class Irradiance:
 
 
 def is_exact(light: Irradiance, camera: Camera) -> bool:
-    """Whether the light holds this camera's photoelectrons, whatever its bands."""
+    """Return True if the light contains this camera's photoelectrons exactly, regardless of its bands."""
     known = light.in_band is not None and light.response == pixel_fingerprint(camera)
     return known or (
         light.filters is not None and light.response == response_fingerprint(camera)
@@ -233,16 +218,13 @@ def is_exact(light: Irradiance, camera: Camera) -> bool:
 
 
 def _part(image: NDArray[np.floating], region: Region) -> NDArray[np.floating]:
-    """The pixels of a map (H, W) in a region. Raises InputError where it is none, or selects no pixel."""
-    is_mask = (
-        isinstance(region, np.ndarray) and region.dtype == bool and region.shape == image.shape
-    )
-    is_window = (
-        isinstance(region, tuple)
-        and len(region) == 2
-        and all(isinstance(x, slice) for x in region)
-    )
-    if not (is_mask or is_window) or not image[region].size:
+    """Return the pixels of a map, shape (H, W), in a region. Raises InputError for a region without a pixel."""
+    if isinstance(region, tuple):
+        is_region = [type(x) for x in region] == [slice, slice]
+    else:
+        mask = np.asarray(region)
+        is_region = mask.dtype == bool and mask.shape == image.shape
+    if not is_region or not image[region].size:
         height, width = image.shape
         raise InputError(
             f"region is {region!r}; it must be two slices (rows, columns) or a mask of bool that select pixels of "

@@ -1,6 +1,7 @@
-"""The sum of light groups at any levels: light is linear in the emitters, and the errors of two renders independent.
+"""The sum of light groups at any levels: light is linear in the emitters, and errors of different renders are
+independent.
 
-E = Σ w·E_g, and the variance of E is Σ w²·v_g; of lamps that flicker every row has a w of its own.
+E = Σ w·E_g, and the variance of E is Σ w²·v_g. With flickering lamps each row has a separate w.
 """
 
 from __future__ import annotations
@@ -23,20 +24,20 @@ if TYPE_CHECKING:
 
 Values = TypeVar("Values", NDArray[np.float32], Float64Array)
 Level: TypeAlias = float | Float64Array
-"""Of a light group, or of each of its rows, (H,)."""
+"""Factor on a light group, or on each of its rows, shape (H,)."""
 
 OF_PHOTODIODES = {"left": "pupil_left", "right": "pupil_right"}
-"""Photodiode of dual pixels → the part of the light that it sees."""
+"""Photodiode of dual pixels → name of the light that it sees."""
 
-ROWS = 64
+ROWS_AT_ONCE = 64
 """Rows whose photoelectrons are computed at once."""
 
 
 class Part(NamedTuple):
-    """One light group at a level, which may be another in every row.
+    """One light group at a level, which may differ in every row.
 
-    electrons : (H, W) mean photoelectrons of each pixel over a number that all groups share.
-    flat : the same for a spectrum that is flat within each band.
+    electrons : mean photoelectrons of each pixel, shape (H, W), in a unit that all groups share.
+    flat : mean photoelectrons for a spectrum that is flat within each band, shape (H, W).
     """
 
     level: Level
@@ -46,7 +47,7 @@ class Part(NamedTuple):
 
 
 def checked_lights(name: str, given: object) -> dict[str, float | Waveform]:
-    """Levels and waveforms by light group.  given : a dict, or texts NAME=LEVEL. Raises InputError."""
+    """Return levels and waveforms by light group.  given : a dict, or texts NAME=LEVEL. Raises InputError."""
     texts = [given] if isinstance(given, str) else given
     if isinstance(texts, list | tuple):
         pairs = [str(text).partition("=") for text in texts]
@@ -64,22 +65,21 @@ def checked_lights(name: str, given: object) -> dict[str, float | Waveform]:
 
 
 def waveforms_of(lights: Mapping[str, float | str | Waveform]) -> dict[str, Waveform]:
-    """Those of the groups that flicker."""
+    """Return the waveforms of the groups that flicker."""
     shapes = {name: waveform_of(name, given) for name, given in lights.items()}
     return {name: shape for name, shape in shapes.items() if shape.flickers}
 
 
 def check_group_names(lights: Iterable[str], groups: Collection[str]) -> None:
-    """Raise InputError for levels of light groups that are not among these groups."""
+    """Raise InputError for names that are not light groups of the light."""
     if not groups:
         raise InputError(
-            "the light is rendered as a whole and has no light groups; render it with "
-            "`--light-groups auto` (light_groups='auto')."
+            "the light was rendered as a whole, without light groups; render it with light_groups='auto'."
         )
     if OF_PHOTODIODES["left"] in groups:
         raise InputError(
-            "the light was rendered for dual pixels, by halves of the pupil and not by light groups; leave the lights "
-            "out, or render it with sensor.dual_pixel = false and light groups."
+            "the light was rendered for dual pixels, by halves of the pupil instead of light groups; omit lights, or "
+            "render it with sensor.dual_pixel = false and light groups."
         )
     for name in lights:
         if name not in groups:
@@ -90,28 +90,34 @@ def check_group_names(lights: Iterable[str], groups: Collection[str]) -> None:
 
 
 def with_levels(light: Irradiance, lights: Mapping[str, float | str | Waveform]) -> Irradiance:
-    """See :meth:`irradiance.Irradiance.with_lights`."""
+    """Return the light with other levels, see :meth:`irradiance.Irradiance.with_lights`."""
     check_group_names(lights, light.groups)
     shapes = {name: waveform_of(name, given) for name, given in lights.items()}
     total = sum_of_groups(light.groups, {name: shape.level for name, shape in shapes.items()})
     flickering = waveforms_of(lights)
     raw = None if total.raw is None else replace(total.raw, waveforms=flickering)
-    later = {name: with_levels(one, lights) for name, one in light.later.items()}
-    known, rendered_for = light.statistics, light.rendered_for
-    if known.brightness is not None:  # of all lamps as they were rendered
-        unknown = dict.fromkeys(known.brightness, None)
-        scale = {"light_scale": known.brightness["light_scale"]}
-        known = replace(known, brightness=unknown | scale)
+    later = {name: with_levels(x, lights) for name, x in light.later.items()}
+    statistics, rendered_for = light.statistics, light.rendered_for
+    if statistics.brightness is not None:  # of all lamps as they were rendered
+        unknown = dict.fromkeys(statistics.brightness, None)
+        scale = {"light_scale": statistics.brightness["light_scale"]}
+        statistics = replace(statistics, brightness=unknown | scale)
     if rendered_for is not None and total.rendered_for is not None:
         rendered_for = replace(rendered_for, illuminant=total.rendered_for.illuminant)
-    lit = replace(total, statistics=known, waveforms=flickering, raw=raw, later=later)
-    return replace(lit, rendered_for=rendered_for)
+    return replace(
+        total,
+        statistics=statistics,
+        waveforms=flickering,
+        raw=raw,
+        later=later,
+        rendered_for=rendered_for,
+    )
 
 
 def light_of_frame(light: Irradiance, shutter: Shutter) -> Irradiance:
-    """The light that the rows of one frame get of lamps that flicker, as a whole; the light itself where none does.
+    """Return the light of the rows of one frame under flickering lamps; unchanged without flicker.
 
-    Statistics stay those of the render, without notes on groups that are off.
+    Statistics still describe the render, without notes on groups that are off.
     """
     if not light.waveforms:
         return light
@@ -126,9 +132,9 @@ def light_of_frame(light: Irradiance, shutter: Shutter) -> Irradiance:
 def sum_of_groups(
     groups: Mapping[str, Irradiance], levels: Mapping[str, Level] | None = None
 ) -> Irradiance:
-    """Light groups added up, each times its level; with the statistics of the first.
+    """Return the sum of light groups, each times its level, with the statistics of the first group.
 
-    levels : by name, one for all rows or one for each; 1 of those that are not named.
+    levels : by name, one for all rows or one for each row; default 1.
     """
     weights: dict[str, Level] = {**dict.fromkeys(groups, 1.0), **(levels or {})}
     first = next(iter(groups.values()))
@@ -153,12 +159,12 @@ def sum_of_groups(
 
 
 def _lit(parts: list[Part]) -> list[Part]:
-    """The groups that are on: a level of 0 takes away infinite light, too."""
+    """Return the groups that are on: a level of 0 also removes infinite light."""
     return [part for part in parts if np.any(part.level)]
 
 
 def _times(level: Level, values: Values) -> Values:
-    """Values (H, W, …) times a level; 0 in rows where it is 0, also of infinite light."""
+    """Return values, shape (H, W, …), times a level; 0 in rows at level 0, even for infinite light."""
     if np.ndim(level) == 0:
         return np.asarray(values.dtype.type(level) * values)
     factor = np.asarray(level, values.dtype).reshape(-1, *(1,) * (values.ndim - 1))
@@ -167,7 +173,7 @@ def _times(level: Level, values: Values) -> Values:
 
 
 def _data(parts: list[Part]) -> NDArray[np.float32]:
-    """Irradiance of the groups times their levels, (H, W, B)."""
+    """Return the irradiance of all groups at their levels, shape (H, W, B)."""
     total = np.zeros(parts[0].light.data.shape, np.float32)
     for part in _lit(parts):
         total += _times(part.level, part.light.data)
@@ -175,7 +181,7 @@ def _data(parts: list[Part]) -> NDArray[np.float32]:
 
 
 def _standard_error(parts: list[Part]) -> NDArray[np.float32]:
-    """Root of the sum of the squares of the standard errors, (H, W, B)."""
+    """Return the standard errors of all groups in quadrature, shape (H, W, B)."""
     total = np.zeros(parts[0].light.standard_error.shape, np.float32)
     for part in _lit(parts):
         np.hypot(total, _times(part.level, part.light.standard_error), out=total)
@@ -185,7 +191,7 @@ def _standard_error(parts: list[Part]) -> NDArray[np.float32]:
 def _relative(
     parts: list[Part], of: Callable[[Irradiance], NDArray[np.float32] | None]
 ) -> NDArray[np.float32] | None:
-    """Error of the photoelectrons of the sum over the photoelectrons, (H, W); None where that of a group is unknown."""
+    """Return the relative error of the photoelectrons of the sum, shape (H, W); None if unknown for a group."""
     lit = _lit(parts)
     squares = np.zeros(parts[0].light.data.shape[:2])
     for part in lit:
@@ -201,7 +207,7 @@ def _relative(
 
 
 def _in_band(parts: list[Part]) -> NDArray[np.float32] | None:
-    """Photoelectrons of the sum over those of spectra that are flat within each band, (H, W)."""
+    """Return the photoelectrons of the sum over those of spectra that are flat within each band, shape (H, W)."""
     first = parts[0].light.in_band
     if first is None:
         return None
@@ -214,30 +220,29 @@ def _in_band(parts: list[Part]) -> NDArray[np.float32] | None:
 
 
 def _raw(groups: Mapping[str, Irradiance], weights: Mapping[str, Level]) -> Irradiance | None:
-    """The sum as it was before denoising, where that was kept of a group; others were not denoised."""
+    """Return the sum before denoising; None if no group kept it."""
     if all(light.raw is None for light in groups.values()):
         return None
-    raw = {name: light if light.raw is None else light.raw for name, light in groups.items()}
-    return sum_of_groups(raw, weights)
+    return sum_of_groups({name: light.raw or light for name, light in groups.items()}, weights)
 
 
 def _illuminant(parts: list[Part]) -> Illuminant | None:
-    """Spectrum of the light that falls on the scene: the sum of those of the groups, each times its level."""
-    known = [
+    """Return the spectrum of the light on the scene: the sum over the groups at their levels; None if unknown."""
+    spectra = [
         (float(np.mean(part.level)), part.light.rendered_for.illuminant)
         for part in _lit(parts)
         if part.light.rendered_for is not None
+        and part.light.rendered_for.illuminant is not None
     ]
-    spectra = [(level, one) for level, one in known if one is not None]
     if not spectra:
         return None
-    power = np.sum([level * one.power for level, one in spectra], axis=0)
+    power = np.sum([level * illuminant.power for level, illuminant in spectra], axis=0)
     return Illuminant(spectra[0][1].wavelengths_nm, power)
 
 
 def _part(light: Irradiance, level: Level) -> Part:
-    """A light group at a level, with the photoelectrons of the camera that it was rendered for; where that is not
-    known, with its light, all wavelengths alike."""
+    """Return a light group at a level, with the photoelectrons of the camera of the render; if that is unknown, with
+    its light at all wavelengths."""
     camera = None if light.rendered_for is None else light.rendered_for.camera
     tile, weights = np.zeros((1, 1), int), light.bandwidths_nm[None, :]
     if light.filters is not None:
@@ -248,8 +253,8 @@ def _part(light: Irradiance, level: Level) -> Part:
     if camera is not None:
         tile = np.array(camera.tile)
     flat = np.empty(light.data.shape[:2])
-    for first in range(0, len(flat), ROWS):
-        rows = slice(first, first + ROWS)
+    for first in range(0, len(flat), ROWS_AT_ONCE):
+        rows = slice(first, first + ROWS_AT_ONCE)
         row, column = light.origin
         flat[rows] = of_own_filter(light.data[rows] @ weights.T, tile, (row + first, column))
     flat = _times(level, flat)
@@ -258,9 +263,9 @@ def _part(light: Irradiance, level: Level) -> Part:
 
 
 def notes_of_groups(notes: Mapping[str, Iterable[str]]) -> list[str]:
-    """The notes of all groups; with the names of the groups that have one, where these are not all.
+    """Return the notes of all groups, each with the names of its groups unless all groups have it.
 
-    notes : by the name of the group.
+    notes : by name of the group.
     """
     groups = _groups_by_note(notes)
     return [_with_names(note, names, len(notes)) for note, names in groups.items()]
@@ -269,24 +274,24 @@ def notes_of_groups(notes: Mapping[str, Iterable[str]]) -> list[str]:
 def without_unlit(
     of_sum: Iterable[str], notes: Mapping[str, Iterable[str]], lit: Collection[str]
 ) -> tuple[str, ...]:
-    """The notes of the sum of the groups without those that only groups have which are off.
+    """Return the notes of the sum of the groups, without notes that apply only to groups that are off.
 
-    of_sum : with those of :func:`notes_of_groups`.  notes : by the name of the group.  lit : groups that are on.
+    of_sum : including those of :func:`notes_of_groups`.  notes : by name of the group.  lit : groups that are on.
     """
-    left = dict[str, str]()
+    replacements = dict[str, str]()
     for note, names in _groups_by_note(notes).items():
         if len(names) == len(notes):
             continue
         on = [name for name in names if name in lit]
         whole = _with_names(note, names, len(notes))
-        left[note] = left[whole] = ""
+        replacements[note] = replacements[whole] = ""
         if on:
-            left[note], left[whole] = note, _with_names(note, on, len(notes))
-    return tuple(line for note in of_sum if (line := left.get(note, note)))
+            replacements[note], replacements[whole] = note, _with_names(note, on, len(notes))
+    return tuple(line for note in of_sum if (line := replacements.get(note, note)))
 
 
 def _groups_by_note(notes: Mapping[str, Iterable[str]]) -> dict[str, list[str]]:
-    """The names of the groups that have a note."""
+    """Return the names of the groups of each note."""
     groups = dict[str, list[str]]()
     for name, of_group in notes.items():
         for note in dict.fromkeys(of_group):
@@ -295,7 +300,5 @@ def _groups_by_note(notes: Mapping[str, Iterable[str]]) -> dict[str, list[str]]:
 
 
 def _with_names(note: str, names: Collection[str], count: int) -> str:
-    """A note with the names of its groups in front, where these are not all.  count : of all groups."""
-    if len(names) == count:
-        return note
-    return f"{', '.join(names)}: {note}"
+    """Return a note after the names of its groups, unless all groups have it.  count : number of all groups."""
+    return note if len(names) == count else f"{', '.join(names)}: {note}"

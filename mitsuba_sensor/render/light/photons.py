@@ -40,9 +40,9 @@ from .light_sum import OF_PHOTODIODES, light_of_frame
 def photons_per_irradiance(
     camera: Camera, exposure: Exposure, wavelengths_nm: ArrayLike, bandwidths_nm: ArrayLike
 ) -> Float64Array:
-    """Photons per pixel of 1 W m⁻² nm⁻¹ in each band: Δλ·w·h·FF·t·λ/(hc), (B,) (paper eq. 12).
+    """Return the photons per pixel for 1 W m⁻² nm⁻¹ in each band, Δλ·w·h·FF·t·λ/(hc), shape (B,) (paper eq. 12).
 
-    One band of 1 nm at 550 nm on Table 1's pixel (5.7 µm, 50 %) in 0.1 s gives 4.4978e6.
+    One band of 1 nm at 550 nm on the pixel of Table 1 (5.7 µm, 50 %) in 0.1 s gives 4.4978e6 photons.
     """
     area_m2 = (
         camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-12 * camera.pixel.fill_factor
@@ -54,8 +54,8 @@ def photons_per_irradiance(
 
 
 def electrons_per_irradiance(camera: Camera, exposure: Exposure, bands: Bands) -> Float64Array:
-    """Photoelectrons behind each colour filter from 1 W m⁻² nm⁻¹ in each band, (F, B) (paper eq. 12, 14); of a flat
-    spectrum within each."""
+    """Return the photoelectrons per pixel for 1 W m⁻² nm⁻¹ in each band, shape (F, B), for F colour filters and B
+    bands. The spectrum is flat within each band (paper eqs. 12 and 14)."""
     photons = photons_per_irradiance(
         camera, exposure, bands.wavelengths_nm, bands.bandwidths_nm
     )
@@ -68,7 +68,7 @@ def electrons_per_irradiance(camera: Camera, exposure: Exposure, bands: Bands) -
 
 
 def mean_electrons(light: Irradiance, camera: Camera, exposure: Exposure) -> Float64Array:
-    """Return the photoelectrons of each pixel, (H, W), of light that was rendered for this camera."""
+    """Return the photoelectrons of each pixel, shape (H, W), for light that was rendered for this camera."""
     photons = photons_per_irradiance(
         camera, exposure, light.wavelengths_nm, light.bandwidths_nm
     )
@@ -87,38 +87,39 @@ def collect(
     bandwidths_nm: ArrayLike | None = None,
     start_s: float = 0.0,
 ) -> Photons:
-    """Mean photons per pixel and band, (H, W, B); not rounded, because they are means.
+    """Return the mean photons per pixel and band, shape (H, W, B), unrounded.
 
     ::
 
         irradiance = np.full((48, 64), 1e-3)  # W/m²
         photons = ms.collect(irradiance, camera, ms.Exposure(0.01), wavelengths_nm=[550.0])
 
-    light : the result of :func:`render`; or an irradiance map (H, W) [W m⁻²] at one wavelength; or a complex field U
-        (H, W) with |U|² in W m⁻² (wavefront sensing); or a cube (H, W, B) [W m⁻² nm⁻¹] with ``wavelengths_nm``.
-    Photons of a render are made, in float64, when they are asked for: ``light.data`` is to stay as it is until then.
-    The irradiance already includes the lens of the camera it was rendered for; the lens of ``camera`` is not used.
-    wavelengths_nm : (B,) band centres; one for a map or field, the camera's reference wavelength by default.
-    bandwidths_nm : (B,) of a cube; the spacing of the wavelengths by default.
+    light : the result of :func:`render`; an irradiance map, shape (H, W) [W m⁻²], at one wavelength; a complex field U,
+        shape (H, W), with |U|² in W m⁻² (wavefront sensing); or a cube, shape (H, W, B) [W m⁻² nm⁻¹], with
+        ``wavelengths_nm``.
+    wavelengths_nm : band centres, shape (B,); one for a map or field. Default: the camera's reference wavelength.
+    bandwidths_nm : of a cube, shape (B,). Default: the spacing of the wavelengths.
     start_s : when the first row opens, for lamps that flicker (:meth:`Irradiance.with_lights`).
-    Raises InputError for shapes that do not fit and for negative or NaN irradiance.
+
+    Photons of a render are computed in float64 on demand, so ``light.data`` must not change until then. The irradiance
+    already includes the lens of the camera of the render; the lens of ``camera`` is not used. Raises InputError for
+    shapes that do not fit and for negative or NaN irradiance.
     """
     camera = camera_of(camera)
     check_types(camera, exposure)
     if isinstance(light, Photons):
         raise InputError(
-            "light is Photons already; pass it to expose(), or an irradiance to collect()."
+            "light is Photons; pass it to expose(), or pass an irradiance to collect()."
         )
     if isinstance(light, Irradiance):
         refuse_masked("light.data", light.data)
         check_on_sensor("the light", light.data.shape, light.origin, camera)
-        if light.filters is not None and light.response not in (
-            None,
-            response_fingerprint(camera),
-        ):
-            why = "light was rendered into the channels of a camera with another quantum efficiency or lens"
-            remedy = "render it again for this one, or with spectral='cube', which can be used with any camera"
-            raise InputError(f"{why}; {remedy}.")
+        responses = None, response_fingerprint(camera)
+        if light.filters is not None and light.response not in responses:
+            raise InputError(
+                "light was rendered into the channels of a camera with another quantum efficiency or lens; render it "
+                "again for this camera, or with spectral='cube' for any camera."
+            )
         check_polarizers(light.polarizers, camera)
         photons = _of_exposure(light, camera, exposure, start_s)
         if camera.sensor.dual_pixel:
@@ -126,19 +127,16 @@ def collect(
         return photons.changed(by_readout=_later(light, camera, exposure, start_s))
     values = _irradiance_values(light)
     if values.ndim == 2:
-        centre = (
-            camera.quantum_efficiency.reference_nm if wavelengths_nm is None else wavelengths_nm
-        )
+        centre = first_given(wavelengths_nm, camera.quantum_efficiency.reference_nm)
         if centre is None or np.size(centre) != 1:
             raise InputError(
-                "light is a map at one wavelength; pass that one as wavelengths_nm, e.g. 550."
+                "light is a map at one wavelength; pass this wavelength as wavelengths_nm, e.g. 550."
             )
-        return _photons(
-            values[..., None], _centres(centre), np.ones(1), camera, exposure
-        ).changed(bandwidths_nm=None)
+        photons = _photons(values[..., None], _centres(centre), np.ones(1), camera, exposure)
+        return photons.changed(bandwidths_nm=None)
     if wavelengths_nm is None or np.size(wavelengths_nm) != values.shape[2]:
         raise InputError(
-            f"light has {values.shape[2]} bands; pass wavelengths_nm with that many centres."
+            f"light has {values.shape[2]} bands; pass wavelengths_nm with one centre for each band."
         )
     centres = _centres(wavelengths_nm)
     return _photons(values, centres, _widths(centres, bandwidths_nm), camera, exposure)
@@ -147,14 +145,12 @@ def collect(
 def _of_exposure(
     light: Irradiance, camera: Camera, exposure: Exposure, start_s: float
 ) -> Photons:
-    """Mean photons of a render in one exposure."""
+    """Return the mean photons of a render in one exposure."""
     light = light_of_frame(light, shutter_of(camera, exposure, start_s))
     photons = _photons(light.data, light.wavelengths_nm, light.bandwidths_nm, camera, exposure)
-    known = light.rendered_for
     photons = photons.changed(
-        origin=light.origin, illuminant=None if known is None else known.illuminant
-    )
-    photons = photons.changed(
+        origin=light.origin,
+        illuminant=light.rendered_for and light.rendered_for.illuminant,
         intrinsics=light.statistics.intrinsics,
         source=CollectedLight.of(light),
         polarizers=light.polarizers,
@@ -168,7 +164,7 @@ def _of_exposure(
 def _of_left(
     light: Irradiance, camera: Camera, exposure: Exposure
 ) -> dict[str, Photons] | None:
-    """Mean photons of the left photodiodes of dual pixels; None where the light has no halves."""
+    """Return the mean photons of the left photodiodes of dual pixels; None without halves of the pupil."""
     half = light.groups.get(OF_PHOTODIODES["left"])
     if half is None:
         return None
@@ -178,9 +174,9 @@ def _of_left(
 def _later(
     light: Irradiance, camera: Camera, exposure: Exposure, start_s: float
 ) -> dict[str, Photons] | None:
-    """Mean photons of the exposures behind the first of a frame; None where their light is the same.
+    """Return the mean photons of the later exposures of a frame; None if their light is the same.
 
-    Raises InputError for light of a scene that moves, of which there is the first exposure only.
+    Raises InputError for light of a moving scene that contains only the first exposure.
     """
     asked = later_exposures(camera, exposure, start_s)
     if not asked:
@@ -188,16 +184,17 @@ def _later(
     moves = light.statistics.motion is not None
     if not (moves or light.waveforms):
         return None
-    found = dict[str, Photons]()
-    for name, (own, begin_s) in asked.items():
+    photons = dict[str, Photons]()
+    for name, (exposure_of_name, begin_s) in asked.items():
         if moves and name not in light.later:
             raise InputError(
-                f"the scene moved while the light was rendered, and the read-out {name!r} of {camera.name} is exposed "
+                f"the scene moved while the light was rendered, and the readout {name!r} of {camera.name} is exposed "
                 "at another time, whose light a file does not hold; render and expose at once (ms.capture, "
                 f"`mitsuba-sensor render`) for this camera, or take camera.at_readout({camera.readouts[0].name!r})."
             )
-        found[name] = _of_exposure(light.later.get(name, light), camera, own, begin_s)
-    return found
+        of_name = light.later.get(name, light)
+        photons[name] = _of_exposure(of_name, camera, exposure_of_name, begin_s)
+    return photons
 
 
 def collected(
@@ -208,50 +205,42 @@ def collected(
     gain: str | float | None = None,
     start_s: float = 0.0,
 ) -> tuple[Photons, Camera, Exposure, int | None]:
-    """Photons, camera, exposure and serial number: those asked for, else those that the light was rendered for; an
-    exposure of neither is metered, for the camera at this gain setting. Raises InputError."""
+    """Return photons, camera, exposure and serial number as requested, else as rendered. An exposure that is neither
+    requested nor rendered is metered, for the camera at this gain setting. Raises InputError."""
     exposure = checked_exposure(camera, asked)
     if (known := light.rendered_for) is not None:
-        camera, exposure = (
-            first_given(camera, known.camera),
-            known.exposure if asked is None else exposure,
-        )
-        exposure = (
-            replace(AUTO, temperature_k=known.exposure.temperature_k)
-            if exposure is AUTO
-            else exposure
-        )
-        serial = first_given(serial, known.serial)
+        camera, serial = first_given(camera, known.camera), first_given(serial, known.serial)
+        if asked is None:
+            exposure = known.exposure
+        elif exposure is AUTO:
+            exposure = replace(AUTO, temperature_k=known.exposure.temperature_k)
     if camera is None:
         raise InputError("no camera is given and the irradiance names none; pass camera=….")
     camera = camera.at_gain(gain)
-    found = (
-        exposure
-        if isinstance(exposure, Exposure)
-        else metered(light, camera, exposure or Metering())
-    )
-    return photons_of(light, camera, found, start_s), camera, found, serial
+    if not isinstance(exposure, Exposure):
+        exposure = metered(light, camera, exposure or Metering())
+    return photons_of(light, camera, exposure, start_s), camera, exposure, serial
 
 
 def photons_of(
     light: Irradiance, camera: Camera, exposure: Exposure, start_s: float = 0.0
 ) -> Photons:
-    """Mean photons of a render, checked: NaN and negative irradiance are refused with an InputError."""
+    """Return the checked mean photons of a render. Raises InputError for NaN and negative irradiance."""
     return as_photons(collect(light, camera, exposure, start_s=start_s), camera)
 
 
 def metered(light: Irradiance, camera: Camera, metering: Metering) -> Exposure:
-    """The exposure at which a picture of this light is as bright as asked for, of lamps that flicker their mean. Raises
-    InputError if it is black."""
+    """Return the exposure for an image of the requested brightness, with the mean of flickering lamps. Raises
+    InputError for black light."""
     steady = replace(light, waveforms={})
     photons = _of_exposure(steady, camera, metering.unit_exposure, 0.0)
-    found = metering.exposure(as_photons(photons, camera), camera)
+    exposure = metering.exposure(as_photons(photons, camera), camera)
     trim_heap()
-    return found
+    return exposure
 
 
 def _irradiance_values(light: object) -> Float64Array:
-    """A map (H, W) or cube (H, W, B), checked; |U|² of a complex field U."""
+    """Return a checked map, shape (H, W), or cube, shape (H, W, B); |U|² for a complex field U."""
     if getattr(light, "dtype", np.dtype(float)).kind == "c":
         refuse_masked("light", light)
         values: Float64Array = np.abs(np.asarray(light)) ** 2
@@ -271,7 +260,7 @@ def _irradiance_values(light: object) -> Float64Array:
 
 
 def uniform_light(irradiance_w_per_m2: float, shape: tuple[int, int]) -> Float64Array:
-    """The same irradiance everywhere, (H, W) [W m⁻²]: a flat field for :func:`collect`.
+    """Return uniform irradiance, shape (H, W) [W m⁻²]: a flat field for :func:`collect`.
 
     ::
 
@@ -285,7 +274,8 @@ def uniform_light(irradiance_w_per_m2: float, shape: tuple[int, int]) -> Float64
 def gradient_light(
     low_w_per_m2: float, high_w_per_m2: float, shape: tuple[int, int]
 ) -> Float64Array:
-    """Irradiance that rises linearly from the first column to the last, (H, W) [W m⁻²]: scene of the paper's PTC.
+    """Return irradiance that rises linearly from the first column to the last, shape (H, W) [W m⁻²], as in the paper's
+    PTC.
 
     ::
 
@@ -299,7 +289,7 @@ def gradient_light(
 
 
 def _shape(shape: Sequence[int]) -> tuple[int, int]:
-    """(rows, columns), checked."""
+    """Return the checked (rows, columns)."""
     if not isinstance(shape, tuple | list) or len(shape) != 2 or 0 in shape:
         raise InputError(f"shape is {shape!r}; it must be (rows, columns), e.g. (480, 640).")
     return require_seed("shape", shape[0]), require_seed("shape", shape[1])
@@ -312,7 +302,7 @@ def _photons(
     camera: Camera,
     exposure: Exposure,
 ) -> Photons:
-    """Photons of irradiance (H, W, B), those of a render made when somebody asks for them."""
+    """Return the photons of irradiance, shape (H, W, B); those of a render are computed on demand."""
     factor = photons_per_irradiance(camera, exposure, centres, widths)
     centres, widths = (np.asarray(x, dtype=np.float64) for x in (centres, widths))
     photons = Photons(data, centres, bandwidths_nm=widths, factor=factor)
@@ -320,7 +310,7 @@ def _photons(
 
 
 def _centres(wavelengths_nm: ArrayLike) -> Float64Array:
-    """Band centres, checked."""
+    """Return the checked band centres."""
     centres = np.ravel(wavelengths_nm).tolist()
     return np.array(
         [require("wavelengths_nm", x, 1.0, 1e5, "nanometres, e.g. 550") for x in centres]
@@ -328,15 +318,12 @@ def _centres(wavelengths_nm: ArrayLike) -> Float64Array:
 
 
 def _widths(centres: Float64Array, bandwidths_nm: ArrayLike | None) -> Float64Array:
-    """The given widths, or the spacing of evenly spaced centres."""
+    """Return the given widths, or the spacing of evenly spaced centres."""
     if bandwidths_nm is not None:
-        if not isinstance(bandwidths_nm, str) and np.size(bandwidths_nm) not in (
-            1,
-            centres.size,
-        ):
-            given = np.size(bandwidths_nm)
+        count = np.size(bandwidths_nm)
+        if not isinstance(bandwidths_nm, str) and count not in (1, centres.size):
             raise InputError(
-                f"bandwidths_nm has {given} widths for {centres.size} bands; pass one each."
+                f"bandwidths_nm has {count} widths for {centres.size} bands; pass one width for each band."
             )
         widths = np.broadcast_to(
             numbers("bandwidths_nm", bandwidths_nm, "one width per band in nm"), centres.shape

@@ -207,7 +207,7 @@ def depolarising(subject: Subject, built: Built) -> Found:
         kinds = {kind for kind, name in DEPOLARISING.items() if name in classes}
         where = scene.name
     if kinds:
-        what = f"Mitsuba depolarises light that {', '.join(map(repr, sorted(kinds)))} reflects or transmits"
+        what = f"Mitsuba depolarises what {', '.join(map(repr, sorted(kinds)))} reflects and transmits"
         remedy = "take 'pplastic' for plastic and paint, 'dielectric' for glass and water, which keep its polarisation"
         yield Finding("wrong", where, what, remedy)
 

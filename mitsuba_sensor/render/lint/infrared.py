@@ -1,9 +1,9 @@
-"""What RGB colours reflect beyond 700 nm, where they say nothing: their rules, and the scene with the rules in it.
+"""Rules for RGB colours beyond 700 nm, and the scene with these rules.
 
-A constant colour becomes a table. Others go into a texture of ours, because Mitsuba's textures cannot be combined so:
-it has the value of another texture up to 700 nm, and that value or a measured spectrum beyond. In compiled variants
-this costs nothing that can be measured; in scalar variants, which call Python for every ray, a scene of nothing but
-such textures takes four times as long.
+A constant colour becomes a table. Other colours are wrapped in a texture plugin, because Mitsuba's textures cannot be
+combined in this way: it has the value of another texture up to 700 nm, and that value or a measured spectrum above. In
+compiled variants the cost is not measurable; scalar variants call Python for every ray, so a scene with only such
+textures takes four times as long.
 """
 
 from __future__ import annotations
@@ -22,37 +22,31 @@ from ..scene.parsed_scene import ParsedScene
 from ..variants import MitsubaObject, mitsuba
 from .spectra import Part, Property, properties_of
 
-SEEN_TO_NM = 720.0
-"""Bands that end before have no rule: behind an infrared cut filter the colour is seen as Mitsuba has it."""
+RULES_FROM_NM = 720.0
+"""Bands that end below this wavelength, e.g. with an infrared cut filter, keep Mitsuba's colours."""
 REFLECTANCES = ("reflectance", "diffuse_reflectance", "base_color", "albedo")
-"""Properties of a material that a measured reflectance replaces; its highlights are no part of the measurement."""
+"""Properties of a material that a measured reflectance replaces, without highlights."""
 NO_COLOURS = ("eta", "k", "alpha", "alpha_u", "alpha_v", "roughness", "weight", "opacity")
-"""Properties of materials where a picture is no colour."""
-RELIEFS = ("bumpmap", "normalmap")  # materials whose pictures are no colours
+"""Properties of materials in which an image is not a colour."""
+RELIEFS = ("bumpmap", "normalmap")  # materials whose images are not colours
 PICTURES = ("bitmap", "mesh_attribute", "srgb")
 STEP_NM = 1.0  # of the table of a colour
-LOWEST_NM = 360.0  # of the range for which Mitsuba makes spectra of colours
-MOST_NAMED = 8  # materials in a message
+LOWEST_NM = 360.0  # of Mitsuba's spectra of colours
+MATERIALS_LISTED_MAX = 8  # in a message
 PLUGIN = "held_beyond_700_nm"
 PASSED_ON = (
-    *(
-        "eval_1",
-        "eval_1_grad",
-        "eval_3",
-        "is_spatially_varying",
-        "max",
-        "mean",
-        "parameters_changed",
-    ),
-    *("pdf_position", "pdf_spectrum", "resolution", "sample_position", "sample_spectrum"),
-    *("spectral_resolution", "traverse", "wavelength_range"),
+    *("eval_1", "eval_1_grad", "eval_3", "is_spatially_varying", "max", "mean"),
+    *("parameters_changed", "pdf_position", "pdf_spectrum", "resolution", "sample_position"),
+    *("sample_spectrum", "spectral_resolution", "traverse", "wavelength_range"),
 )
-"""Methods of a texture that are those of the texture inside, whose parameters keep their names in mi.traverse."""
+"""Methods that are passed on to the inner texture, whose parameters keep their names in mi.traverse."""
 
 
 class Colour(NamedTuple):
-    """An RGB colour or picture.  node : its material, medium or emitter.  role : the property that it is part of.
-    ids : of the material, and of the shapes and materials that hold it.
+    """An RGB colour or image.
+
+    node : its material, medium or emitter.  role : the property that contains it.
+    ids : of the material, and of the shapes and materials that contain it.
     """
 
     node: MitsubaObject
@@ -63,14 +57,14 @@ class Colour(NamedTuple):
 
     @property
     def name(self) -> str:
-        """What messages call its material."""
-        own = str(self.node.props.id()) or min(self.ids, default="")
-        return repr(own) if own else f"a {self.node.props.plugin_name()}"
+        """Name of its material in messages."""
+        name = str(self.node.props.id()) or min(self.ids, default="")
+        return repr(name) if name else f"a {self.node.props.plugin_name()}"
 
 
 def rgb_colours(scene: ParsedScene, properties: Iterable[Property]) -> list[Colour]:
-    """Return the colours of materials and media, and of textures in emitters: other emitters are times D65."""
-    ids, found = _ids_of_nodes(scene), list[Colour]()
+    """Return the colours of materials and media, and of textures in emitters; other emitters multiply D65."""
+    ids, colours = _ids_of_nodes(scene), list[Colour]()
     for node, number, role, is_light, parts in properties:
         if node.props.plugin_name() in RELIEFS or role in NO_COLOURS:
             continue
@@ -82,12 +76,13 @@ def rgb_colours(scene: ParsedScene, properties: Iterable[Property]) -> list[Colo
             else:  # raw: roughness, normals and the like
                 is_colour = part.kind in PICTURES and not part.props.get("raw", False)
             if is_colour:
-                found.append(Colour(node, role, is_light, part, ids.get(number, frozenset())))
-    return found
+                names = ids.get(number, frozenset())
+                colours.append(Colour(node, role, is_light, part, names))
+    return colours
 
 
 def _ids_of_nodes(scene: ParsedScene) -> dict[int, frozenset[str]]:
-    """Ids by the number of a node: its own, and those of the nodes that hold it, but for the scene itself."""
+    """Return the ids of each node and of the nodes that contain it, except the scene, by the number of the node."""
     ids = dict[int, frozenset[str]]()
 
     def visit(props: MitsubaObject, inherited: frozenset[str]) -> None:
@@ -105,10 +100,10 @@ def _ids_of_nodes(scene: ParsedScene) -> dict[int, frozenset[str]]:
 def ruled_colours(
     scene: ParsedScene, properties: Iterable[Property], high_nm: float
 ) -> list[tuple[Colour, Material | None]]:
-    """Return the colours that bands up to ``high_nm`` see beyond the visible, each with the measured material that it
-    is there; None: it keeps its value.  properties : of the scene.  Raises InputError."""
+    """Return the colours that bands up to ``high_nm`` detect beyond the visible, each with its measured material, or
+    None for a held value.  properties : of the scene.  Raises InputError."""
     asked = scene.edits.infrared
-    if high_nm <= SEEN_TO_NM:
+    if high_nm <= RULES_FROM_NM:
         return []
     colours = rgb_colours(scene, properties)
     if asked == REFUSE:
@@ -116,47 +111,42 @@ def ruled_colours(
         return []
     used, ruled = set[str](), list[tuple[Colour, Material | None]]()
     for colour in colours:
-        is_reflectance = colour.role in REFLECTANCES
-        named = [
+        patterns = [
             pattern
             for pattern in asked
-            if is_reflectance and any(fnmatchcase(name, pattern) for name in colour.ids)
+            if colour.role in REFLECTANCES and any(fnmatchcase(x, pattern) for x in colour.ids)
         ]
-        used.update(named)
-        if len({asked[pattern] for pattern in named}) > 1:
-            both = " and ".join(map(repr, named))
+        used.update(patterns)
+        if len({asked[pattern] for pattern in patterns}) > 1:
+            both = " and ".join(map(repr, patterns))
             raise InputError(f"infrared: {colour.name} is named by {both}; name it once.")
-        ruled.append((colour, materials()[asked[named[0]]] if named else None))
+        ruled.append((colour, materials()[asked[patterns[0]]] if patterns else None))
     for pattern in asked:
         if pattern not in used:
             ids = sorted({name for colour in colours for name in colour.ids})
-            has = (
-                f"those that have one are {', '.join(ids)}"
-                if ids
-                else "no RGB colour has an id"
-            )
+            known = f"they are named {', '.join(ids)}" if ids else "no RGB colour has an id"
             raise InputError(
-                f"infrared: no material or shape with an RGB reflectance is named {pattern!r}; {has}."
+                f"infrared: no material or shape with an RGB reflectance is named {pattern!r}; {known}."
                 f"{nearest(pattern, ids)}"
             )
     return ruled
 
 
 def _refuse(scene: ParsedScene, colours: list[Colour], high_nm: float) -> None:
-    if names := list(dict.fromkeys(f"{one.name} ({scene.where(one.node)})" for one in colours)):
-        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+    if names := list(dict.fromkeys(f"{x.name} ({scene.where(x.node)})" for x in colours)):
+        hidden = len(names) - MATERIALS_LISTED_MAX
+        more = f" and {hidden} more" if hidden > 0 else ""
         raise InputError(
-            f"infrared is 'refuse' and the bands extend to {high_nm:g} nm, where RGB says nothing of "
-            f"{', '.join(names[:MOST_NAMED])}{more}; give them spectra, or materials, e.g. "
+            f"infrared is 'refuse' and the bands extend to {high_nm:g} nm, where RGB does not define "
+            f"{', '.join(names[:MATERIALS_LISTED_MAX])}{more}; give them spectra, or materials, e.g. "
             "infrared={'leaf_*': 'vegetation'}."
         )
 
 
 def apply_infrared(scene: ParsedScene, low_nm: float, high_nm: float) -> None:
-    """Give the colours of a parsed scene their rules; its nodes are changed.  low_nm, high_nm : ends of the bands.
+    """Apply the rules to the colours of a parsed scene; its nodes are changed.  low_nm, high_nm : ends of the bands.
 
-    Where parameters of the scene are set by name, a constant colour stays the colour that it is, inside a texture of
-    ours, and keeps its name.
+    If parameters of the scene are set by name, a constant colour keeps its name inside a texture plugin.
     """
     nodes_nm = np.arange(np.floor(min(low_nm, LOWEST_NM)), np.ceil(high_nm) + STEP_NM, STEP_NM)
     keeps_names, mi = bool(scene.edits.traverse), mitsuba()
@@ -166,7 +156,7 @@ def apply_infrared(scene: ParsedScene, low_nm: float, high_nm: float) -> None:
             node = mi.parser.SceneNode()
             node.type = mi.ObjectType.Texture
             scene.state.nodes.append(node)
-    # Found again, because nodes move in memory when others are added.
+    # Searched again, because adding nodes moves all nodes in memory.
     for colour, material in ruled_colours(scene, properties_of(scene), high_nm):
         owner, key, is_constant = colour.part.owner, colour.part.key, colour.part.kind == "rgb"
         value = owner[key]
@@ -175,11 +165,9 @@ def apply_infrared(scene: ParsedScene, low_nm: float, high_nm: float) -> None:
             continue
         _register(mi.variant())
         held = mi.Properties(PLUGIN)
-        held["texture"] = (
-            mi.load_dict({"type": "srgb", "color": list(map(float, value))})
-            if is_constant
-            else value
-        )
+        if is_constant:
+            value = mi.load_dict({"type": "srgb", "color": list(map(float, value))})
+        held["texture"] = value
         if material is not None:
             held["beyond"] = _spectrum(nodes_nm, material.at(nodes_nm))
         scene.state.nodes[first].props = held
@@ -190,11 +178,10 @@ def apply_infrared(scene: ParsedScene, low_nm: float, high_nm: float) -> None:
 def _reflectance(
     rgb: MitsubaObject, material: Material | None, wavelengths_nm: Float64Array
 ) -> Float64Array:
-    """The spectrum that Mitsuba makes of a colour, up to 700 nm, and its rule beyond."""
+    """Return Mitsuba's spectrum of a colour up to 700 nm, and its rule above."""
     mi = mitsuba()
-    square, slope, constant = (
-        float(c) for c in mi.srgb_model_fetch(mi.ScalarColor3f(*(float(v) for v in rgb)))
-    )
+    colour = mi.ScalarColor3f(*map(float, rgb))
+    square, slope, constant = map(float, mi.srgb_model_fetch(colour))
     up_to_nm = np.minimum(wavelengths_nm, HELD_FROM_NM)
     x = (square * up_to_nm + slope) * up_to_nm + constant
     values = 0.5 + 0.5 * x / np.sqrt(1 + x * x) if np.isfinite(x).all() else (x > 0) * 1.0
@@ -205,7 +192,7 @@ def _reflectance(
 
 
 def _spectrum(wavelengths_nm: Float64Array, values: Float64Array) -> MitsubaObject:
-    """A Mitsuba spectrum of equidistant nodes."""
+    """Return a Mitsuba spectrum of equidistant nodes."""
     return mitsuba().load_dict(
         {
             "type": "regular",
@@ -218,12 +205,12 @@ def _spectrum(wavelengths_nm: Float64Array, values: Float64Array) -> MitsubaObje
 
 @cache
 def _register(variant: str) -> None:
-    """Make the texture known in the variant that is set; Mitsuba has another base class in every variant."""
+    """Register the texture in the present variant; Mitsuba has another base class in every variant."""
     mi, dr = mitsuba(), drjit()
     assert mi.variant() == variant
 
     class HeldTexture(mi.Texture):  # type: ignore[misc, name-defined]
-        """props : with the nested ``texture`` and, if needed, the spectrum ``beyond``."""
+        """props : contains the nested ``texture`` and, if needed, the spectrum ``beyond``."""
 
         def __init__(self, props: MitsubaObject) -> None:
             super().__init__(props)
@@ -241,7 +228,7 @@ def _register(variant: str) -> None:
             return dr.select(wavelengths_nm > HELD_FROM_NM, measured, values)
 
         def to_string(self) -> str:
-            """For people."""
+            """Return a description."""
             return f"HeldTexture[{self.inner}]"
 
     for name in PASSED_ON:

@@ -1,13 +1,13 @@
-"""Spectra of a parsed scene: where each can be above zero, the numbers that it is made of, and tables of metals.
+"""Spectra of a parsed scene: their wavelength ranges, their values, and tables of metals.
 
-The tables of the metals that Mitsuba 3.9 knows by name extend from about 300 to between 590 and 900 nm. Outside them
-it takes η = k = 0, which reflects everything, or is NaN at normal incidence; here their first and last values are held.
+Mitsuba 3.9's tables of metals extend from about 300 nm to between 590 and 900 nm. Outside, Mitsuba takes η = k = 0,
+which reflects everything, or is NaN at normal incidence; here the first and last values are held.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,48 +22,31 @@ from ..variants import MitsubaObject, mitsuba
 
 Range: TypeAlias = tuple[float, float]
 EVERYWHERE: Range = (-math.inf, math.inf)
-SUN_NM: Range = (320.0, 720.0)  # of the model of sun and sky, as measured with Mitsuba 3.9.1
+SUN_NM: Range = (320.0, 720.0)  # of the model of sun and sky, measured with Mitsuba 3.9.1
 SUNS = ("sunsky", "timed_sunsky")
 LIMITED = ("d65", "blackbody", "envmap")  # plugins that end with Mitsuba's range
-WHOLE = (
-    "irregular",
-    "regular",
-    "bitmap",
-    "envmap",
-    "gridvolume",
-    "mesh_attribute",
-    "srgb",
+SPECTRA = (
+    *("irregular", "regular", "bitmap", "envmap", "gridvolume", "mesh_attribute", "srgb"),
     *LIMITED,
 )
-"""Plugins that are spectra themselves; all others are made of spectra."""
+"""Plugins that are spectra; all other plugins consist of spectra."""
 STRENGTHS = ("radiance", "irradiance", "intensity")
-"""Of emitters; a float there is a factor on D65 (#1579)."""
+"""Properties of emitters in which a float is a factor on D65 (#1579)."""
 D65_BY_DEFAULT = (
-    "area",
-    "constant",
-    "directional",
-    "directionalarea",
-    "point",
-    "projector",
-    "spot",
+    *("area", "constant", "directional", "directionalarea", "point", "projector", "spot"),
 )
-METALS = ("conductor", "roughconductor")  # materials that take the name of a metal
+METALS = ("conductor", "roughconductor")  # materials that accept the name of a metal
 INDICES = ("eta", "k")
-FLOAT_PICTURES = (
-    ".exr",
-    ".hdr",
-    ".rgbe",
-    ".pfm",
-)  # those of 8 and 16 bits have no value above 1
+FLOAT_PICTURES = (".exr", ".hdr", ".rgbe", ".pfm")  # only these have values above 1
 ENDS = ("wavelength_min", "wavelength_max")
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A spectrum, a colour, a number or a picture.
+    """A spectrum, a colour, a number or an image.
 
-    owner, key : properties that hold it, and its name there.  is_inside : these are the properties of a texture.
-    kind : type of its plugin; "rgb", "float" or "table" of a value.  props : of its plugin; None of a value.
+    owner, key : properties that contain it, and its name there.  is_inside : True if the owner is a texture.
+    kind : type of its plugin; "rgb", "float" or "table" for a value.  props : of its plugin; None for a value.
     """
 
     owner: MitsubaObject
@@ -74,12 +57,12 @@ class Part:
 
     @property
     def value(self) -> MitsubaObject:
-        """As it stands in the properties of its owner."""
+        """Value in the properties of its owner."""
         return self.owner[self.key]
 
     @cached_property
     def table(self) -> tuple[Float64Array | None, Float64Array]:
-        """Wavelengths [nm], outside of which it is zero, and values; None and no values where they are not known."""
+        """Wavelengths [nm], outside of which the spectrum is zero, and values; None and no values if unknown."""
         props, values = self.props, np.zeros(0)
         if props is None:
             numbers = np.ravel(np.array(getattr(self.value, "values", self.value), np.float64))
@@ -96,7 +79,7 @@ class Part:
 
     @property
     def data_nm(self) -> Range:
-        """The wavelengths where it can be above zero."""
+        """Range of wavelengths with values above zero."""
         nm, _ = self.table
         return EVERYWHERE if nm is None or not nm.size else (float(nm.min()), float(nm.max()))
 
@@ -104,7 +87,7 @@ class Part:
 class Property(NamedTuple):
     """A property of an emitter, a material or a medium.
 
-    number : of the node in the parser's state.  parts : what the property is made of, those in textures too.
+    number : of the node in the parser's state.  parts : spectra of the property, including those in textures.
     """
 
     node: MitsubaObject
@@ -115,42 +98,43 @@ class Property(NamedTuple):
 
     @property
     def is_number(self) -> bool:
-        """Return True for a colour or a float in the element itself."""
+        """True for a colour or a float directly in the element."""
         return not self.parts[0].is_inside and self.parts[0].kind in ("rgb", "float")
 
     @property
     def data_nm(self) -> Range:
-        """The wavelengths where all of its parts can be above zero."""
-        return _common(part.data_nm for part in self.parts)
+        """Range of wavelengths in which all parts have values above zero."""
+        lows, highs = zip(EVERYWHERE, *(part.data_nm for part in self.parts), strict=True)
+        return max(lows), min(highs)
 
 
 def properties_of(scene: ParsedScene) -> list[Property]:
-    """Return the properties of emitters, materials and media that have spectra; an envmap is its own radiance."""
-    types, found = mitsuba().ObjectType, list[Property]()
+    """Return the properties of emitters, materials and media that have spectra; an envmap is its radiance."""
+    types, properties = mitsuba().ObjectType, list[Property]()
     for number, node in enumerate(scene.state.nodes):
         if node.type not in (types.Emitter, types.BSDF, types.Medium):
             continue
         is_light = node.type == types.Emitter
         if (kind := node.props.plugin_name()) == "envmap":
             whole = Part(node.props, "", False, kind, node.props)
-            found.append(Property(node, number, STRENGTHS[0], is_light, (whole,)))
+            properties.append(Property(node, number, STRENGTHS[0], is_light, (whole,)))
         for role in node.props:
             if parts := tuple(_parts(scene, node.props, role)):
-                found.append(Property(node, number, role, is_light, parts))
-    return found
+                properties.append(Property(node, number, role, is_light, parts))
+    return properties
 
 
 def _parts(
     scene: ParsedScene, owner: MitsubaObject, key: str, is_inside: bool = False
 ) -> Iterator[Part]:
-    """What a property is made of: it, or the parts of a texture or volume."""
+    """Yield the spectra of a property, including those of a texture or volume."""
     mi, value = mitsuba(), owner[key]
     if isinstance(value, mi.Properties.ResolvedReference):
         node = scene.state.nodes[value.index()]
         if node.type not in (mi.ObjectType.Texture, mi.ObjectType.Volume):
             return
         props, kind = node.props, node.props.plugin_name()
-        if kind in WHOLE or all(name in props for name in ENDS):
+        if kind in SPECTRA or all(name in props for name in ENDS):
             yield Part(owner, key, is_inside, kind, props)
             return
         for name in props:
@@ -165,23 +149,24 @@ def _parts(
         yield Part(owner, key, is_inside, "table")
 
 
-def light_range(emitter: MitsubaObject, own: Iterable[Property]) -> Range:
-    """Return the wavelengths at which an emitter can shine, by its properties; a colour or a float that stands in the
-    emitter is multiplied by D65."""
+def light_range(emitter: MitsubaObject, properties: Sequence[Property]) -> Range:
+    """Return the range of wavelengths of an emitter, by its properties; a colour or a float directly in the emitter is
+    multiplied by D65."""
     kind = emitter.props.plugin_name()
-    strengths = [one for one in own if one.role in STRENGTHS]
+    strengths = [x for x in properties if x.role in STRENGTHS]
     if kind in SUNS:
         return SUN_NM
     if kind in D65_BY_DEFAULT and not strengths:
         return MITSUBA_NM
-    if any(one.is_number for one in strengths):
+    if any(x.is_number for x in strengths):
         return MITSUBA_NM
-    return min((one.data_nm for one in own), key=lambda r: r[1] - r[0], default=EVERYWHERE)
+    ranges = (x.data_nm for x in properties)
+    return min(ranges, key=lambda ends: ends[1] - ends[0], default=EVERYWHERE)
 
 
 def values_of_part(scene: ParsedScene, part: Part, band_nm: Range) -> Float64Array:
-    """Return the numbers of a part between two wavelengths, (N,) of a table or (pixels, channels) of a picture; none
-    where they are not known, and of a table that Mitsuba refuses, with not as many values as wavelengths."""
+    """Return the numbers of a part between two wavelengths, shape (N,) for a table or (pixels, channels) for an image;
+    empty if unknown, and for a table with different numbers of values and wavelengths, which Mitsuba rejects."""
     if part.kind in ("bitmap", "envmap"):
         return _pixels(scene, part.props)
     if part.kind == "gridvolume":
@@ -203,7 +188,7 @@ def _file(scene: ParsedScene, props: MitsubaObject) -> Path:
 
 
 def _pixels(scene: ParsedScene, props: MitsubaObject) -> Float64Array:
-    """The pixels of a picture that can be outside 0 to 1, without transparency."""
+    """Return the pixels of an image of floats, without transparency; empty for other images."""
     picture, file = props.get("bitmap", props.get("data", None)), _file(scene, props)
     if picture is None:
         if file.suffix.lower() not in FLOAT_PICTURES or not file.is_file():
@@ -213,36 +198,28 @@ def _pixels(scene: ParsedScene, props: MitsubaObject) -> Float64Array:
     if values.dtype.kind != "f":
         return np.zeros(0)
     channels = values.shape[2] if values.ndim == 3 else 1
-    colours = channels - (channels in (2, 4))  # the last one of these is transparency
+    colours = channels - (channels in (2, 4))  # the last channel is transparency
     return values.reshape(-1, channels)[:, :colours]
 
 
 def _listed(numbers: object) -> Float64Array:
-    """Numbers that are written in one text, or a list already; none where one of them is no number."""
-    listed = (
-        numbers.replace(",", " ").split()
-        if isinstance(numbers, str)
-        else np.array(numbers).ravel()
-    )
+    """Return the numbers of a text or a list; empty if one of them is not a number."""
+    if isinstance(numbers, str):
+        numbers = numbers.replace(",", " ").split()
     try:
-        return np.array([float(number) for number in listed])
+        return np.array(numbers, dtype=float).ravel()
     except ValueError:
         return np.zeros(0)
 
 
-def _common(ranges: Iterable[Range]) -> Range:
-    lows, highs = zip(EVERYWHERE, *ranges, strict=True)
-    return max(lows), min(highs)
-
-
 def metal_table(material: object) -> dict[str, Float64Array] | None:
-    """Return Mitsuba's table of a metal: wavelengths [nm], eta and k; None for a name that has none."""
+    """Return Mitsuba's table of a metal: wavelengths [nm], eta and k; None for a name without a table."""
     if not isinstance(material, str):
         return None
     mi = mitsuba()
     try:
         parameters = mi.traverse(mi.load_dict({"type": METALS[0], "material": material}))
-    except RuntimeError:  # said again, with its place in the file, when the scene is built
+    except RuntimeError:  # repeated with its place in the file when the scene is built
         return None
     names = {"wavelengths": "eta.wavelengths", "eta": "eta.values", "k": "k.values"}
     if names["wavelengths"] not in parameters:
@@ -251,7 +228,7 @@ def metal_table(material: object) -> dict[str, Float64Array] | None:
 
 
 def metals_of(scene: ParsedScene) -> Iterator[tuple[MitsubaObject, dict[str, Float64Array]]]:
-    """Yield the materials of a scene that take a metal by its name, and its table."""
+    """Yield the materials of a scene that name a metal, and its table."""
     for node in scene.nodes("BSDF"):
         is_named = not any(name in node.props for name in INDICES)
         if is_named and node.props.plugin_name() in METALS:
@@ -261,7 +238,7 @@ def metals_of(scene: ParsedScene) -> Iterator[tuple[MitsubaObject, dict[str, Flo
 
 
 def continue_metals(scene: ParsedScene, low_nm: float, high_nm: float) -> None:
-    """Replace the names of metals whose tables end between two wavelengths by tables whose ends are held."""
+    """Replace the names of metals whose tables end between two wavelengths by tables with held ends."""
     for node, table in metals_of(scene):
         nm = table["wavelengths"]
         below = [low_nm] if low_nm < nm[0] else []

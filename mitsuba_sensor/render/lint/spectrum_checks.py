@@ -1,4 +1,5 @@
-"""Checks of the spectra of a scene: spectra that end inside the bands, and impossible values.
+"""Checks of the spectra of a scene: spectra that end inside the bands, and impossible values; and the fraction of the
+photoelectrons that is detected where data end.
 
 Mitsuba's emitters are zero outside 360 to 830 nm by default, sun and sky outside 320 to 720 nm; a table is zero outside
 its nodes. Mitsuba renders reflectances above 1, which create light.
@@ -7,15 +8,21 @@ its nodes. Mitsuba renders reflectances above 1, which create light.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from ...camera.camera import Camera
+from ...core import Caution
+from ..light.irradiance import Irradiance
+from ..light.photons import photons_per_irradiance
 from ..samples import MITSUBA_NM
 from ..scene.asked import HELD_FROM_NM, materials
 from ..scene.scene_edits import UNNAMED
 from ..variants import MitsubaObject, values_of
-from .finding import NAMED_MAX, Built, Finding, Found, Subject, places
+from .finding import NAMED_MAX, Built, Finding, Found, Subject, largest_share, places
 from .infrared import rgb_colours, ruled_colours
 from .spectra import INDICES, STRENGTHS, SUNS, Range, metals_of, values_of_part
 
@@ -29,6 +36,7 @@ FRACTIONS = (
 MICROMETRES_MAX = 20.0  # end of a table that is more likely in µm than in nm
 PERCENT_MIN, PERCENT_MAX = 2.0, 100.0  # largest values that are more likely in percent
 COUNTS_MAX = 255.0
+SHARE_MIN = 1e-3  # of the photoelectrons of a filter; less is not reported
 
 
 def incomplete(subject: Subject) -> Found:
@@ -71,9 +79,12 @@ def metals(subject: Subject) -> Found:
             short.setdefault((node.props["material"], data_nm), []).append(node)
     for (material, data_nm), nodes in short.items():
         ends = f"{data_nm[0]:.5g} to {data_nm[1]:.5g} nm"
-        what = f"Mitsuba's table of {material!r} in {places(len(nodes))} has {ends}; {subject.beyond(data_nm)}"
-        remedy = "its first and last values are held; give eta and k there if you know them"
-        yield Finding("note", subject.lines(nodes), what, remedy, data_nm)
+        table_of = f"Mitsuba's table of {material!r} in {places(len(nodes))}"
+        what = f"{table_of} has {ends}; {subject.beyond(data_nm)}"
+        remedy = (
+            "its first and last values are held beyond; give eta and k there if you know them"
+        )
+        yield Finding("note", subject.lines(nodes), what, remedy, data_nm, f"{table_of} ends")
 
 
 def colours(subject: Subject) -> Found:
@@ -202,3 +213,77 @@ def _named(parameters: Sequence[str]) -> str:
     few = [UNNAMED.sub("an element without an id", name) for name in parameters[:NAMED_MAX]]
     more = f" and {len(parameters) - NAMED_MAX} more" if len(parameters) > NAMED_MAX else ""
     return ", ".join(dict.fromkeys(few)) + more
+
+
+class ElectronShare(NamedTuple):
+    """The photoelectrons that are detected where data of the scene end.
+
+    why : assumption about the scene there.  data_nm : the wavelengths with data.
+    filter : the colour filter with the largest fraction.  share : largest possible fraction of its photoelectrons.
+    dn : mean over all pixels of the frame [DN].
+    """
+
+    why: str
+    data_nm: Range
+    filter: str
+    share: float
+    dn: float
+
+    def note(self, findings: Iterable[Finding]) -> str:
+        """Return the sentence on this fraction.  findings : notes of the scene that it replaces."""
+        low_nm, high_nm = self.data_nm
+        ends = f"{low_nm:.5g} to {high_nm:.5g} nm".removeprefix("0 to ")
+        note = (
+            f"up to {self.share:.1%} of the photoelectrons of the {self.filter} pixels depend on "
+            f"light beyond {ends.replace('to inf nm', 'nm and more')}, where {self.why}"
+        )
+        places = "; ".join(dict.fromkeys(finding.where for finding in findings))
+        remedies = (finding.remedy for finding in findings)
+        return "; ".join([f"{note} ({places})" if places else note, *dict.fromkeys(remedies)])
+
+
+def with_notes_of_shares(
+    light: Irradiance, camera: Camera, findings: Iterable[Finding]
+) -> Irradiance:
+    """Return the light with its :class:`ElectronShare` values in the statistics and among its notes. They replace the
+    notes on the same data of the scene, which only know how much of a flat spectrum the camera detects there."""
+    ending: dict[Range, list[Finding]] = {}
+    for finding in findings:
+        if finding.data_nm is not None:
+            ending.setdefault(finding.data_nm, []).append(finding)
+    if not ending or light.filters is not None or light.rendered_for is None:
+        return light  # filters are no bands
+    notes, shares = [*light.statistics.notes], list[ElectronShare]()
+    for data_nm, of_range in ending.items():
+        share = _electron_share(light, camera, data_nm, of_range)
+        replaced = [finding for finding in of_range if not finding.is_serious]
+        notes = [note for note in notes if note not in {one.as_note for one in replaced}]
+        if share.share > SHARE_MIN:
+            shares.append(share)
+            notes.append(Caution(share.note(replaced)))
+    beyond_data = tuple(share._asdict() for share in shares)
+    statistics = replace(light.statistics, notes=tuple(notes), beyond_data=beyond_data)
+    return replace(light, statistics=statistics)
+
+
+def _electron_share(
+    light: Irradiance, camera: Camera, data_nm: Range, findings: Sequence[Finding]
+) -> ElectronShare:
+    """Return how many photoelectrons are detected outside a range at most: bands that reach beyond it count whole."""
+    assert light.rendered_for is not None
+    centres_nm = np.asarray(light.wavelengths_nm, dtype=np.float64)
+    widths_nm = np.asarray(light.bandwidths_nm, dtype=np.float64)
+    spectrum = light.data.mean(axis=(0, 1), dtype=np.float64)
+    if not np.isfinite(spectrum).all():  # a copy of the data
+        spectrum = light.data.mean(axis=(0, 1), dtype=np.float64, where=np.isfinite(light.data))
+    exposure = light.rendered_for.exposure
+    photons = photons_per_irradiance(camera, exposure, centres_nm, widths_nm) * spectrum
+    electrons = np.atleast_2d(camera.qe(centres_nm, widths_nm)) * photons
+    low_nm, high_nm = data_nm
+    is_beyond = (centres_nm - widths_nm / 2 < low_nm) | (centres_nm + widths_nm / 2 > high_nm)
+    name, share = largest_share(camera, electrons, is_beyond)
+    beyond_e = electrons[camera.filter_names.index(name), is_beyond].sum()
+    why = ", ".join(dict.fromkeys(finding.beyond for finding in findings))
+    return ElectronShare(
+        why, data_nm, name, share, float(beyond_e) * camera.system_gain_dn_per_e
+    )

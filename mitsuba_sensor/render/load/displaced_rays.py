@@ -1,19 +1,20 @@
-"""Point spread of lens and pixel: each ray starts from a place on the film that is displaced by a draw from it.
+"""Point spread of lens and pixel: each ray starts from a film position that is displaced by a draw from the PSF.
+
+The mean over the rays of a pixel then estimates
 
     E_pixel = ∫ pixel aperture ∫ PSF_λ(δ) E_λ(p + δ) dδ dp
 
-is then what the mean over the rays of a pixel estimates, without bias and without more rays; beyond the edge of film or
-crop the rays see the scene that is there. The aperture of the pixel is a part of it in which rays start, cells of a
-measured sensitivity as often as they are sensitive. The
-wavelengths of a ray share its δ, which is drawn for the first of them; each of them could have been the first. So
-wavelength k has the weight PSF_k(δ)/mean_j PSF_j(δ) (balance heuristic), and the sum of the weights stays what it was;
-weight_noise.py takes away most of the noise that they add.
+without bias and without additional rays; outside of film or crop the rays see the scene. Rays start within the aperture
+of the pixel, and in the cells of a measured sensitivity in proportion to the sensitivity. The wavelengths of a ray
+share δ, which is drawn for the first of them. Each wavelength could have been the first, so wavelength k has the weight
+PSF_k(δ)/mean_j PSF_j(δ) (balance heuristic), which leaves the sum of the weights unchanged; weight_noise.py removes
+most of the noise that the weights add.
 
-Away from the axis the pupil is an ellipse in direction cosines, and the spread has the inverse of its axes: cos³θ and
-cos θ of a thin lens, along and across the radius; the ellipse that passes light of a sequential lens.
+Off axis the pupil is an ellipse in direction cosines, and the spread has the inverse of its axes: cos³θ and cos θ along
+and across the radius for a thin lens, and the ellipse of passing light for a sequential lens.
 
-A pinhole leaves the two numbers of the aperture free. Where a lens uses them, two new ones are a hash of all numbers
-of the ray.
+A pinhole does not use the two random numbers of the aperture. For a lens, two new numbers are a hash of all numbers of
+the ray.
 """
 
 from __future__ import annotations
@@ -32,27 +33,26 @@ from ...optics.point_spread import point_spread_tables
 from ..variants import MitsubaObject, mitsuba
 from .lens_sensor import IN_PYTHON, NO_HEIGHT, Samples, sensor_class
 
-SMALLEST_SHARE = 2.0**-24  # of the energy: the last bit of a random number
-WEAKEST = 1e-12  # added to densities, so that no ray falls where there is none
+SHARE_STEP = 2.0**-24  # of the energy: the last bit of a random number
+DENSITY_MIN = 1e-12  # added to densities, so no ray has the density 0
 
 
 class Pupil(Protocol):
-    """The pupil as a point of the film sees it."""
+    """The pupil as seen from a point of the film."""
 
     def numerical_apertures(self, place: Array) -> tuple[Array, Array]:
-        """Along and across the radius of the image, at a position on the full film [pixels]."""
+        """Return the numerical apertures along and across the radius, at a position on the full film [pixels]."""
 
 
 class ThinPupil:
-    """That of a thin lens or pinhole, whose plane is parallel to the film; of an orthographic sensor everywhere the
-    same."""
+    """The pupil of a thin lens or pinhole, parallel to the film; constant for an orthographic sensor."""
 
     def __init__(self, camera: Camera, view: View) -> None:
         self._axis, self._scale = view.axis, _data(view.tangent_per_pixel)
         self._on_axis = _data(numerical_aperture(view, camera))
 
     def numerical_apertures(self, place: Array) -> tuple[Array, Array]:
-        """NA·cos³θ and NA·cos θ."""
+        """Return NA·cos³θ and NA·cos θ."""
         x, y = (place.x - self._axis[0]) * self._scale, (place.y - self._axis[1]) * self._scale
         cosine = drjit().rsqrt(1 + x * x + y * y)
         return self._on_axis * cosine * cosine * cosine, self._on_axis * cosine
@@ -61,7 +61,7 @@ class ThinPupil:
 def with_displaced_rays(
     sensor: MitsubaObject, view: View, camera: Camera | None
 ) -> tuple[MitsubaObject, tuple[str, ...]]:
-    """The sensor behind the point spread of the camera's lens and pixel, and notes; unchanged without one."""
+    """Return the sensor after the point spread of the camera's lens and pixel, and notes; unchanged without one."""
     if camera is None:
         return sensor, ()
     if not camera.lens.diffraction and camera.pixel.aperture_shape.is_full:
@@ -81,12 +81,12 @@ def with_displaced_rays(
 
 
 class DisplacedRays:
-    """Rays of another sensor from displaced places.
+    """Rays of another sensor from displaced positions.
 
-    diffraction : whether the spread of the lens displaces them, or only the aperture of the pixel.
-    aperture_is_free : whether the other sensor makes no use of the two numbers for its aperture.
-    shared : whether the wavelengths of a ray share its path; else the first one alone has a weight.
-    excess : of the rays that were sampled last, their wavelengths [nm] and (w − 1)/pdf of each.
+    diffraction : True if the spread of the lens displaces rays; False if only the aperture of the pixel does.
+    aperture_is_free : True if the other sensor does not use the two numbers for its aperture.
+    shared : True if the wavelengths of a ray share its path; else only the first wavelength has a weight.
+    excess : wavelengths [nm] and (w − 1)/pdf of the rays that were sampled last.
     """
 
     excess: tuple[Array, Array]
@@ -101,12 +101,8 @@ class DisplacedRays:
         aperture_is_free: bool,
         shared: bool,
     ) -> None:
-        self._axis, self._pupil = view.axis, pupil
-        self._diffraction, self._aperture_is_free, self._shared = (
-            diffraction,
-            aperture_is_free,
-            shared,
-        )
+        self._axis, self._pupil, self._diffraction = view.axis, pupil, diffraction
+        self._aperture_is_free, self._shared = aperture_is_free, shared
         aperture = camera.pixel.aperture_shape
         self._is_full, self._sides = aperture.is_full, [_data(side) for side in aperture.sides]
         self._cell_counts = len(aperture.cells[0]), len(aperture.cells)
@@ -122,13 +118,13 @@ class DisplacedRays:
 
     @property
     def has_weights(self) -> bool:
-        """Whether the wavelengths of a ray have weights of their own."""
+        """True if the wavelengths of a ray have separate weights."""
         return self._diffraction and self._shared
 
     def sample(
         self, sensor: MitsubaObject, samples: Samples, active: Array
     ) -> tuple[MitsubaObject, Array]:
-        """The other sensor's ray through the displaced place, and its weight per wavelength."""
+        """Return the ray of the inner sensor through the displaced position, and its weight per wavelength."""
         time, wavelength, place, aperture = samples
         start = place if self._is_full else self._in_aperture(place)
         if not self._diffraction:
@@ -150,48 +146,43 @@ class DisplacedRays:
         return ray, weight
 
     def _in_aperture(self, place: Array) -> Array:
-        """The place within the aperture of the same pixel, drawn from its sensitivity."""
+        """Return the position within the aperture of the same pixel, drawn from its sensitivity."""
         dr, mi, (width, height) = drjit(), mitsuba(), self._sides
         column, row = dr.floor(place.x), dr.floor(place.y)
         x, y = place.x - column, place.y - row
         if self._cells is not None:
             cell, _, within = self._cells.sample(mi.Point2f(x, y))
             cells_x, cells_y = self._cell_counts
-            x, y = (
-                (mi.Float(cell.x) + within.x) / cells_x,
-                (mi.Float(cell.y) + within.y) / cells_y,
-            )
+            x = (mi.Float(cell.x) + within.x) / cells_x
+            y = (mi.Float(cell.y) + within.y) / cells_y
         start_x, start_y = column + 0.5 + (x - 0.5) * width, row + 0.5 + (y - 0.5) * height
         return type(place)(start_x, start_y)
 
     def _random_numbers(self, samples: Samples) -> Array:
-        """Two, for radius and direction of the displacement."""
+        """Return two random numbers, for radius and direction of the displacement."""
         mi, (_, wavelength, place, aperture) = mitsuba(), samples
         if self._aperture_is_free:
             return aperture
         first, second = mi.sample_tea_32(_bits(place.x), _bits(place.y))
         first, second = mi.sample_tea_32(first ^ _bits(aperture.x), second ^ _bits(aperture.y))
         first, second = mi.sample_tea_32(first ^ _bits(wavelength), second)
-        shares = (first >> 8) * SMALLEST_SHARE, (second >> 8) * SMALLEST_SHARE
-        return mi.Point2f(*shares)
+        return mi.Point2f((first >> 8) * SHARE_STEP, (second >> 8) * SHARE_STEP)
 
     def _radius(self, share: Array) -> Array:
-        """x inside which there is this share of the energy."""
+        """Return x of the circle that contains this fraction of the energy."""
         dr = drjit()
         inside = _at(self._radii, dr.minimum(share / self._inside, 1.0))
-        left = dr.maximum(1.0 - share, SMALLEST_SHARE)
+        left = dr.maximum(1.0 - share, SHARE_STEP)
         return dr.select(share < self._inside, inside, self._beyond / left)
 
     def _displaced(self, place: Array, x_nm: Array, angle: Array) -> Array:
-        """The place moved by x·λ/(2π·NA) in a direction.  x_nm : x·λ."""
+        """Return the position moved by x·λ/(2π·NA) in a direction.  x_nm : x·λ."""
         dr, (pitch_x, pitch_y) = drjit(), self._pitch_nm
         from_x, from_y = place.x - self._axis[0], place.y - self._axis[1]
         height = dr.sqrt(from_x * from_x + from_y * from_y)
         on_axis, inverse = height < NO_HEIGHT, 1.0 / dr.maximum(height, NO_HEIGHT)
-        ux, uy = (
-            dr.select(on_axis, 1.0, from_x * inverse),
-            dr.select(on_axis, 0.0, from_y * inverse),
-        )
+        ux = dr.select(on_axis, 1.0, from_x * inverse)
+        uy = dr.select(on_axis, 0.0, from_y * inverse)
         along_na, across_na = self._pupil.numerical_apertures(place)
         radius = x_nm / (2 * math.pi)
         along, across = radius * dr.cos(angle) / along_na, radius * dr.sin(angle) / across_na
@@ -199,19 +190,19 @@ class DisplacedRays:
         return type(place)(place.x + dx / pitch_x, place.y + dy / pitch_y)
 
     def _balance(self, x_nm: Array, lengths_nm: Array) -> Array:
-        """PSF of each wavelength over their mean."""
+        """Return the PSF of each wavelength over their mean."""
         dr, densities = drjit(), []
         for nm in lengths_nm:
             x = x_nm / nm
             near = _at(self._densities, dr.minimum(x / self._edge, 1.0))
             far = self._tail / dr.maximum(x * x * x, 1.0)
-            densities.append((dr.select(x < self._edge, near, far) + WEAKEST) / (nm * nm))
+            densities.append((dr.select(x < self._edge, near, far) + DENSITY_MIN) / (nm * nm))
         mean = sum(densities) / len(densities)
         return mitsuba().UnpolarizedSpectrum(*(density / mean for density in densities))
 
 
 def _data(number: float) -> Array:
-    """A number as data of the kernel, so that one kernel serves all values."""
+    """Return a number as data of the kernel, so one kernel serves all values."""
     return drjit().opaque(mitsuba().Float, number)
 
 
@@ -221,13 +212,13 @@ def _texture(values: Float64Array) -> MitsubaObject:
 
 
 def _at(table: MitsubaObject, share: Array) -> Array:
-    """A table, linear between its nodes, at a share of its length."""
+    """Return a table, linear between its nodes, at a fraction of its length."""
     nodes = table.shape[0]
     return table.eval(share * ((nodes - 1) / nodes) + 0.5 / nodes)[0]
 
 
 def _bits(number: Array) -> Array:
-    """The 32 bits of a real number."""
+    """Return the 32 bits of a float."""
     if isinstance(number, float):
         return int(np.float32(number).view(np.uint32))
     dr = drjit()

@@ -1,11 +1,11 @@
-"""Rays of a sensor with polarisers: their weight is a row of a Mueller matrix, that of the polariser of their pixel.
+"""Rays of a sensor with polarisers: their weight is the first row of the Mueller matrix of their pixel's polariser.
 
-Polarised variants of Mitsuba multiply the weight of a ray, a Mueller matrix, by the Stokes vector of the light along
-it, and the film takes the first component. With the first row (1, c·cos 2θ, c·sin 2θ, 0), turned from the frame of the
-sensor to that of the ray, that is S0 + c·(S1 cos 2θ + S2 sin 2θ), never negative; see :mod:`stages.polarizers`.
+Polarised variants of Mitsuba multiply the weight of a ray, a Mueller matrix, by the Stokes vector of the light, and the
+film takes the first component. With the first row (1, c·cos 2θ, c·sin 2θ, 0), rotated from the frame of the sensor to
+the frame of the ray, this is S0 + c·(S1 cos 2θ + S2 sin 2θ), which is never negative; see :mod:`stages.polarizers`.
 
-The frame of the sensor is that of Mitsuba's integrator ``stokes``: its first axis is perpendicular to the ray and to
-the columns of the picture.
+The frame of the sensor is the frame of Mitsuba's integrator ``stokes``: its first axis is perpendicular to the ray and
+to the columns of the image.
 """
 
 from __future__ import annotations
@@ -21,15 +21,14 @@ from ..scene.parsed_scene import ParsedScene
 from ..variants import MitsubaObject, is_polarized, mitsuba
 from .lens_sensor import Samples, sensor_class
 
-STEP_NM = 1.0
-"""Of the table of the contrast by wavelength."""
+STEP_NM = 1.0  # of the table of the contrast
 
 
 def with_polarizers(
     sensor: MitsubaObject, scene: ParsedScene, camera: Camera | None
 ) -> tuple[MitsubaObject, str | None]:
-    """The sensor behind the polarisers of the camera, and their fingerprint; unchanged without them, and where the
-    polarisation of light is not followed."""
+    """Return the sensor behind the polarisers of the camera, and their fingerprint; unchanged without polarisers, and
+    if the variant does not follow polarisation."""
     if camera is None or camera.sensor.polarizers is None:
         return sensor, None
     if scene.ignore_polarization or not is_polarized():
@@ -39,7 +38,7 @@ def with_polarizers(
 
 
 class PolarizerRays:
-    """Rays of another sensor behind the polariser of the pixel from which they start."""
+    """Rays of another sensor behind the polariser of their pixel."""
 
     def __init__(self, camera: Camera) -> None:
         mi, dr = mitsuba(), drjit()
@@ -57,7 +56,7 @@ class PolarizerRays:
     def sample(
         self, sensor: MitsubaObject, samples: Samples, active: Array
     ) -> tuple[MitsubaObject, Array]:
-        """The other sensor's ray, and its weight times the first row of the Mueller matrix of the polariser."""
+        """Return the ray of the inner sensor, and its weight times the first row of the polariser's Mueller matrix."""
         mi, dr = mitsuba(), drjit()
         ray, weight = sensor.inner_ray(samples, active)
         _, _, on_film, _ = samples
@@ -75,15 +74,15 @@ class PolarizerRays:
 def _turned(
     sensor: MitsubaObject, ray: MitsubaObject, cosine: Array, sine: Array
 ) -> tuple[Array, Array]:
-    """(cos 2θ, sin 2θ) of an axis in the frame of the sensor → in that of the Stokes vectors along the ray."""
+    """Return (cos 2θ, sin 2θ) of an axis, rotated from the frame of the sensor to the Stokes frame of the ray."""
     mi, dr = mitsuba(), drjit()
     to_world = sensor.world_transform()
     up, right = to_world @ mi.Vector3f(0, 1, 0), to_world @ mi.Vector3f(-1, 0, 0)
     towards = -ray.d
-    own, first = mi.mueller.stokes_basis(towards), dr.normalize(dr.cross(ray.d, up))
+    of_ray, first = mi.mueller.stokes_basis(towards), dr.normalize(dr.cross(ray.d, up))
     is_mirrored = dr.dot(dr.cross(right, up), towards) < 0
     anticlockwise = dr.select(is_mirrored, -sine, sine)
-    cos_angle, sin_angle = dr.dot(own, first), dr.dot(towards, dr.cross(own, first))
+    cos_angle, sin_angle = dr.dot(of_ray, first), dr.dot(towards, dr.cross(of_ray, first))
     cos_twice = cos_angle * cos_angle - sin_angle * sin_angle
     sin_twice = 2 * cos_angle * sin_angle
     return (
@@ -93,7 +92,7 @@ def _turned(
 
 
 class ContrastTable:
-    """(τ_max − τ_min)/(τ_max + τ_min) of the polarisers by wavelength, linear between those of the camera."""
+    """(τ_max − τ_min)/(τ_max + τ_min) of the polarisers by wavelength, interpolated linearly."""
 
     def __init__(self, camera: Camera) -> None:
         mi, dr = mitsuba(), drjit()
@@ -107,7 +106,7 @@ class ContrastTable:
         self._table = mi.Texture1f(mi.TensorXf(table), use_accel=False)
 
     def at(self, wavelengths_nm: Array) -> Array:
-        """At the wavelengths of a ray."""
+        """Return the contrast at the wavelengths of a ray."""
         if self._constant is not None:
             return self._constant
         values = []

@@ -1,7 +1,7 @@
-"""Loads any Mitsuba 3 scene file and replaces its film by one of spectral bands.
+"""Loads any Mitsuba 3 scene and replaces its film by a film of spectral bands.
 
-Film and sampler of one sensor are replaced between parsing and building, so that any scene (rgb, any film or
-filter) renders as spectral irradiance. Nothing else is changed, and notes say what was replaced.
+Film and sampler of one sensor are replaced between parsing and building, so any scene (RGB, any film or filter) renders
+as spectral irradiance. Nothing else changes, and notes report each replacement.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...camera.camera import Camera
 from ...camera.sensor_size import check_on_sensor
-from ...core import Array, InputError
+from ...core import InputError
 from ...optics.intrinsics import View
 from ..light.bands import (
     Bands,
@@ -54,18 +54,18 @@ from .lens_sensor import with_lens
 from .polarizer_rays import with_polarizers
 from .weight_noise import WeightCounter, weight_counter
 
-FILM_ID = "sensor"  # id of the new film, by which its sensor is found in the built scene
+FILM_ID = "sensor"  # id of the new film, which identifies its sensor in the built scene
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A scene ready to render into bands.
 
-    sharp : the sensor without the point spread, for rays through the middle of each pixel.
-    view : what its sensor images.  notes : what was replaced, what will be black.  findings : the same, one by one.
-    sha256 : of the scene file, its includes and its parameters.
-    weights : counts those of displaced rays for channels behind the others.
-    polarizers : fingerprint of those of the sensor, or None.
+    sharp : the sensor without the point spread, for rays through the centre of each pixel.
+    view : field of view of the sensor.  notes, findings : replacements, and spectra that are black.
+    sha256 : hash of the scene file, its includes and its parameters.
+    weights : counter of the weights of displaced rays, for additional channels.
+    polarizers : fingerprint of the polarisers of the sensor, or None.
     """
 
     mitsuba_scene: MitsubaObject
@@ -81,33 +81,35 @@ class Scene:
 
     @cached_property
     def brightest_lamp_cd_per_m2(self) -> float | None:
-        """The highest luminance of the lamps with a surface [cd/m²]; None without one."""
+        """Highest luminance of the area lights [cd/m²]; None without area lights."""
         return brightest_lamp(self.mitsuba_scene)
 
     def restrict_wavelengths(self, low_nm: float, high_nm: float) -> None:
-        """From now on sample wavelengths between two edges of the bands only."""
+        """Sample only wavelengths between two edges of the bands from this point."""
         restrict_wavelengths(self.sensor.film(), low_nm, high_nm)
 
     def time_sampling(self) -> None:
-        """None: nothing moves."""
+        """Return None: nothing moves."""
 
     def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]:
-        """Return a pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""
+        """Return a pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], shape (rows, columns,
+        channels)."""
         (columns, _), (x, y) = self.view.crop_size, self.view.crop_offset
         film, size, offset = self.sensor.film(), (columns, rows[1] - rows[0]), (x, y + rows[0])
         if tuple(film.crop_size()) != size or tuple(film.crop_offset()) != offset:
             parameters = mitsuba().traverse(self.sensor)
-            parameters["film.crop_size"], parameters["film.crop_offset"] = (
-                list(size),
-                list(offset),
-            )
+            parameters["film.crop_size"] = list(size)
+            parameters["film.crop_offset"] = list(offset)
             parameters.update()
-        if self.weights is None:
-            image = self._image(self.sensor, seed, samples)
-        else:
-            image = self.weights.rendered(
-                self.sensor, samples, lambda counting: self._image(counting, seed, samples)
-            )
+
+        def image_of(sensor: MitsubaObject) -> NDArray[np.float32]:
+            return self._image(sensor, seed, samples)
+
+        image = (
+            image_of(self.sensor)
+            if self.weights is None
+            else self.weights.rendered(self.sensor, samples, image_of)
+        )
         return image.reshape(size[1], size[0], -1)
 
     def _image(self, sensor: MitsubaObject, seed: int, samples: int) -> NDArray[np.float32]:
@@ -117,12 +119,12 @@ class Scene:
             )
         except RuntimeError as error:
             variant = mitsuba().variant()
-            way_out = "`--integrator path` (volpath if it has media)"
+            remedy = "integrator='path' ('volpath' if it has media)"
             if not variant.startswith("scalar"):
-                way_out += " or `--variant scalar_spectral`"
+                remedy += " or variant='scalar_spectral'"
             first = plain_message(RuntimeError(str(error).split("\n\n")[0]))
             raise InputError(
-                f"the scene cannot be rendered in {variant}: try {way_out} ({first})."
+                f"the scene cannot be rendered in {variant} ({first}); try {remedy}."
             ) from error
         return np.array(image, dtype=np.float32)
 
@@ -138,11 +140,11 @@ def load_scene(
     sampler: str = SAMPLER,
     emitters: Collection[int] | None = None,
 ) -> Scene:
-    """Load a scene with a film of these bands; the variant must be set. Raises InputError.
+    """Return a loaded scene with a film of these bands; the variant must be set. Raises InputError.
 
     parameters, scene_unit, width : as for :func:`render`.  sampler : Mitsuba plugin that samples the light paths.
-    camera : whose lens is used; by default the one that the scene file names, if any.
-    emitters : of a light group, by their numbers in :func:`render.scene.light_groups.emitters_of`; by default all.
+    camera : camera with the lens. Default: the camera that the scene file names, if any.
+    emitters : of a light group, by index in :func:`render.scene.light_groups.emitters_of`. Default: all.
     """
     if not isinstance(scene, ParsedScene):
         scene = parse(scene, {"parameters": parameters})
@@ -167,9 +169,8 @@ def _load(
     camera, metres = camera or settings.camera, settings.metres(scene_unit)
     subject = Subject(scene, bands.ends_nm, camera, metres)
     findings = lint(subject)
-    if (
-        subject.is_dark and not scene.edits.traverse
-    ):  # which may change the spectrum of an emitter
+    # A parameter may change the spectrum of an emitter.
+    if subject.is_dark and not scene.edits.traverse:
         why = f"{findings[0].what}; give it an emitter with a spectrum there"
         raise InputError(f"scene {scene.name!r} has no light in the bands: {why}.")
     _replace_camera(scene, replace(settings, unit_m=metres), camera)
@@ -188,14 +189,14 @@ def _load(
             f'scene {scene.name!r} has no light; add an emitter, e.g. <emitter type="constant"/>.'
         )
     refuse_missing_attributes(scene, world)
-    sensor = next((one for one in built.sensors() if one.film().id() == FILM_ID), None)
+    sensor = next((x for x in built.sensors() if x.film().id() == FILM_ID), None)
     if sensor is None:
         raise InputError(
             f"scene {scene.name!r}: its sensor has a number that is NaN; correct fov and to_world."
         )
     integrator = getattr(integrator, "inner", integrator) or mi.load_dict({"type": "path"})
-    own_view = view_of_sensor(sensor, metres or 1.0)
-    sharp, view, lens_notes = with_lens(sensor, own_view, camera, metres or 1.0)
+    unit_m = metres or 1.0
+    sharp, view, lens_notes = with_lens(sensor, view_of_sensor(sensor, unit_m), camera, unit_m)
     findings = lint_built(
         findings, replace(subject, scene=scene), Built(world, sensor, integrator, view)
     )
@@ -227,8 +228,8 @@ def inspect_scene(
     parameters: Mapping[str, object],
     scene_unit: str | float | None = None,
 ) -> tuple[Finding, ...]:
-    """Findings about a scene for ``camera``, without rendering; the variant must be set. The scene is built too, so
-    that a missing mesh is an InputError here and not later."""
+    """Return findings about a scene for this camera without rendering; the variant must be set. The scene is built, so
+    a missing mesh raises InputError here."""
     bands = box_bands(camera, np.array(camera.band_nm, dtype=float))
     if not isinstance(scene, ParsedScene):
         scene = parse(scene, {"parameters": parameters})
@@ -244,13 +245,13 @@ def inspect_scene(
         "note" if luminance > LAMP_CD_PER_M2_MAX else "fact",
         lines_of(scene, lamps),
         f"the brightest lamp has {cd_per_m2(luminance)}",
-        "`render --luminance 500` scales all light to 500 cd/m² in the median of the picture",
+        "`render --luminance 500` scales all light, so the median of the picture has 500 cd/m²",
     )
     return (*loaded.findings, brightest)
 
 
 def _replace_camera(scene: ParsedScene, settings: SceneSettings, camera: Camera | None) -> None:
-    """Replace a <sensor type="camera"> by Mitsuba's perspective or thinlens."""
+    """Replace a <sensor type="camera"> by Mitsuba's perspective or thinlens sensor."""
     node = scene.sensor()
     if node.props.plugin_name() != SENSOR:
         return
@@ -277,7 +278,7 @@ def _replace_film(scene: ParsedScene, bands: Bands, size: dict[str, int], sample
     refuse_misspelt(scene)
     for name, _ in scene.children(node.props, "Film", "Sampler"):
         del node.props[name]
-    if SPECTRAL_RESPONSE in node.props:  # that of the camera is in the film
+    if SPECTRAL_RESPONSE in node.props:  # the film has the response of the camera
         del node.props[SPECTRAL_RESPONSE]
     with scene.mitsuba_errors():
         node.props["film"] = response_film(bands.responses, {**size, "id": FILM_ID})
@@ -293,23 +294,24 @@ def _replace_film(scene: ParsedScene, bands: Bands, size: dict[str, int], sample
 
 
 def view_of_sensor(sensor: MitsubaObject, metres: float) -> View:
-    """The view of a built sensor, whose fov_axis or focal_length Mitsuba has converted into x_fov; metres per unit."""
+    """Return the view of a built sensor, whose fov_axis or focal_length is x_fov now.  metres : per scene unit."""
     parameters, film = mitsuba().traverse(sensor), sensor.film()
 
     def value(name: str, default: float) -> float:  # Dr.Jit scalars are arrays of one
         return float(np.ravel(parameters[name])[0]) if name in parameters else default
 
-    def pair(vector: Array) -> tuple[int, int]:
-        return int(vector[0]), int(vector[1])
-
-    if 0 in pair(film.crop_size()):
+    size, crop_size, offset = (
+        (int(pair[0]), int(pair[1]))
+        for pair in (film.size(), film.crop_size(), film.crop_offset())
+    )
+    if 0 in crop_size:
         raise InputError(
-            f"the film has {film.crop_size()[0]} × {film.crop_size()[1]} pixels; it needs at least 1 × 1."
+            f"the film has {crop_size[0]} × {crop_size[1]} pixels; it needs at least 1 × 1."
         )
     return View(
-        size=pair(film.size()),
-        crop_size=pair(film.crop_size()),
-        crop_offset=pair(film.crop_offset()),
+        size=size,
+        crop_size=crop_size,
+        crop_offset=offset,
         half_width=math.tan(math.radians(value("x_fov", 0.0)) / 2),
         principal_point=(
             value("principal_point_offset_x", 0.0),

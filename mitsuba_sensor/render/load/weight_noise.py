@@ -1,9 +1,9 @@
-"""The noise that the weights of displaced rays add to the photoelectrons, measured while the rays are made.
+"""The noise that the weights of displaced rays add to the photoelectrons, measured during the render.
 
-The wavelengths of a ray have weights whose mean is 1, see displaced_rays.py. What a pixel gets behind filter f has the
-factor 1 + d_f with d_f the mean over its rays and their wavelengths of (w − 1)·response(λ)/pdf(λ), over the response's
-integral. d_f has the mean 0, and in even light it is all the noise there is. With a level L from other pixels, which
-knows nothing of the rays of this one, I_f − L·d_f has the mean of I_f and less noise (a control variate).
+The wavelengths of a ray have weights with the mean 1, see displaced_rays.py. The signal of a pixel behind filter f has
+the factor 1 + d_f, where d_f is the mean over its rays and wavelengths of (w − 1)·response(λ)/pdf(λ), over the integral
+of the response. d_f has the mean 0, and in uniform light it is the only noise. With a level L from other pixels, which
+is independent of the rays of this pixel, I_f − L·d_f has the mean of I_f and less noise (a control variate).
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from .displaced_rays import DisplacedRays
 from .lens_sensor import Samples, sensor_class
 
 Render: TypeAlias = Callable[[MitsubaObject], NDArray[np.float32]]
-FEWEST_COLUMNS = 3
+COLUMNS_MIN = 3
 STEPS = 4096  # of the integral of a response
 
 
 class WeightCounter:
-    """Renders with rays whose weights are added up by pixel.
+    """Renders with rays whose weights are summed for each pixel.
 
-    rays : that are displaced.  responses : of the filters, Mitsuba spectra.  ends_nm : of the wavelengths.
+    rays : displaced rays.  responses : of the filters, Mitsuba spectra.  ends_nm : of the wavelengths.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class WeightCounter:
     def rendered(
         self, sensor: MitsubaObject, samples: int, render: Render
     ) -> NDArray[np.float32]:
-        """The picture of a sensor, and behind its channels d_f of the pixels, (rows, columns, channels + filters).
+        """Return the image of a sensor followed by d_f of the pixels, shape (rows, columns, channels + filters).
 
         samples : rays of each pixel.
         """
@@ -65,7 +65,7 @@ class WeightCounter:
     def sample(
         self, sensor: MitsubaObject, samples: Samples, active: Array
     ) -> tuple[MitsubaObject, Array]:
-        """The other sensor's ray through the same point, and its weight."""
+        """Return the ray of the inner sensor, and its weight."""
         mi, dr = mitsuba(), drjit()
         ray, weight = sensor.inner_ray(samples, active)
         _, _, on_film, _ = samples
@@ -75,9 +75,7 @@ class WeightCounter:
         pixel = mi.UInt32(row) * mi.UInt32(size.x) + mi.UInt32(column)
         at = dr.zeros(mi.SurfaceInteraction3f)
         at.wavelengths, excess = self._rays.excess
-        density = (
-            sensor.film().sensor_response_function().eval(at)
-        )  # of wavelengths, times its weight
+        density = sensor.film().sensor_response_function().eval(at)  # times its weight
         excess = dr.select(density > 0, excess / density, 0.0)
         for number, response in enumerate(self._responses):
             share = dr.mean(excess * response.eval(at)) * self._inverse[number]
@@ -87,8 +85,8 @@ class WeightCounter:
 
 
 def weight_counter(sensor: MitsubaObject, bands: Bands) -> WeightCounter | None:
-    """Of a sensor with displaced rays, for the colour filters of a film; None where rays have no weights, in scalar
-    variants, and where groups of bands are rendered one after the other."""
+    """Return the counter for a sensor with displaced rays and the colour filters of a film; None if rays have no
+    weights, in scalar variants, and if groups of bands are rendered separately."""
     rays, filters = getattr(sensor, "lens", None), bands.responses[bands.first_filter :]
     if mitsuba().variant().startswith("scalar") or not isinstance(rays, DisplacedRays):
         return None
@@ -98,7 +96,7 @@ def weight_counter(sensor: MitsubaObject, bands: Bands) -> WeightCounter | None:
 
 
 def _integral(response: MitsubaObject, ends_nm: tuple[float, float]) -> float:
-    """∫ response dλ; tiny where it is 0 everywhere."""
+    """Return ∫ response dλ, or a tiny number for a response of 0."""
     mi = mitsuba()
     step_nm = (ends_nm[1] - ends_nm[0]) / STEPS
     at = drjit().zeros(mi.SurfaceInteraction3f, STEPS)
@@ -109,12 +107,13 @@ def _integral(response: MitsubaObject, ends_nm: tuple[float, float]) -> float:
 
 
 def without_weight_noise(values: NDArray[np.floating], excess: NDArray[np.float32]) -> None:
-    """Take away what the weights added, in place; single values may become negative.
+    """Subtract the noise of the weights in place; single values may become negative.
 
-    values : (…, W, filters) of pixels of a pass.  excess : their d_f.  The level of a pixel is the smaller one of its
-    two neighbours in the row: of light that is even in one direction, and not of a bright edge or a firefly.
+    values : pixels of a pass, shape (…, W, filters).  excess : their d_f.  The level of a pixel is the smaller one of
+        its
+    two neighbours in the row, which excludes bright edges and fireflies.
     """
-    if values.shape[-2] < FEWEST_COLUMNS:
+    if values.shape[-2] < COLUMNS_MIN:
         return
     right, left = np.roll(values, -1, axis=-2), np.roll(values, 1, axis=-2)
     right[..., -1, :], left[..., 0, :] = values[..., -2, :], values[..., 1, :]

@@ -1,6 +1,6 @@
-"""Scenes that move while the shutter is open, and AOVs: what each pixel sees.
+"""Scenes that move while the shutter is open, and AOVs of each pixel.
 
-motion.py reads rigid motions from a TOML file, moving_scene.py puts camera and objects at their poses of any time.
-rays.py intersects one ray per pixel with a scene; aovs.py has depth, position, normal, albedo, shape index and optical
-flow from them.
+moving_scene.py sets the poses of camera and objects at any time; scene/motion.py reads motions from TOML files. rays.py
+intersects one ray per pixel with a scene; aovs.py computes depth, position, normal, albedo, shape index and optical
+flow.
 """

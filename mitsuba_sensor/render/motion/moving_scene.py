@@ -1,12 +1,12 @@
-"""Scenes that move: camera and objects at their poses of any time; sub-frames of an open shutter; optical flow.
+"""Moving scenes: poses of camera and objects at any time, sub-frames of an open shutter, optical flow.
 
-Mitsuba 3.9.1 has no animated transforms and nothing reads the time of its rays, so the transforms and vertices of the
+Mitsuba 3.9.1 has no animated transforms and does not read the time of its rays, so the transforms and vertices of the
 scene are set for each instant, and restored afterwards. One compiled kernel serves all poses.
 
-A sub-frame (see optics/shutter.py) renders all rows of its block, open or not, because every other crop compiles
-another kernel (1.1 s for a Cornell box, 4 s for a scene of eight materials). With a rolling shutter whose exposure is
-shorter than its read-out the rows are cut into up to eight blocks (512² pixels, read-out of eight exposures: 20 s a
-pass, and 57 s in one block).
+A sub-frame (see optics/shutter.py) renders all rows of its block, open or not, because each other crop compiles another
+kernel (1.1 s for a Cornell box, 4 s for a scene of eight materials). With a rolling shutter whose exposure is shorter
+than its readout, the rows are cut into up to eight blocks (512² pixels, readout of eight exposures: 20 s per pass
+instead of 57 s in one block).
 """
 
 from __future__ import annotations
@@ -31,48 +31,43 @@ from ..scene.motion import Motion, RigidMotion
 from ..variants import MitsubaObject, mitsuba
 from .rays import camera_to_world, first_hits, project
 
-MOST_BLOCKS = (
-    8  # of rows, each with a kernel of its own; fewer blocks render more rows that are closed
-)
-PROBES = 32  # rays along each side of the image that look for the largest speed
-INSTANTS = np.linspace(
-    0, 1, 5
-)  # when they look, as fractions of the time from first row open to last row closed
+BLOCKS_MAX = 8  # of rows, each with a separate kernel; fewer blocks render more closed rows
+PROBES = 32  # rays along each side of the image that measure the largest speed
+INSTANTS = np.linspace(0, 1, 5)
+"""Instants of the probes, as fractions of the time from the first row's opening to the last row's closing."""
 GUIDE_SUBFRAMES_MAX = 16  # of one exposure
-OF_BOX: Float64Array = np.stack(np.meshgrid(*3 * [[0.0, 0.5, 1.0]]), axis=-1).reshape(-1, 3)
-MOST_FLASHED = 256  # sub-frames of an exposure and pass under a lamp that flickers, unless more are asked for
+BOX_POINTS: Float64Array = np.stack(np.meshgrid(*3 * [[0.0, 0.5, 1.0]]), axis=-1).reshape(-1, 3)
+FLASH_SUBFRAMES_MAX = (
+    256  # of an exposure and pass under a flickering lamp, unless more are requested
+)
 POSITIONS = "vertex_positions"  # of a mesh
-MIDDLE = 0.5  # phase of sub-frames in the middles of their shares of the exposure
+MIDDLE = 0.5  # phase of sub-frames in the middle of their intervals
 DIFFERENCE = (
     1 / 256
-)  # of that time: speeds are differences over it, with 0.03 px of rounding in all
+)  # of the same time, over which speeds are measured, with 0.03 px of rounding
 
 Make = Callable[[int, tuple[int, int]], NDArray[np.float32]]
 Start = tuple[int, float]  # seed of a pass and phase of its sub-frames
 
 
 class AnimatedTransforms:
-    """Sets camera and objects of a scene to their poses of a time; leaving the ``with`` block restores them.
+    """Sets camera and objects of a scene to their poses at a time; leaving the ``with`` block restores them.
 
-    unit_m : metres per scene unit. All poses and points here are in scene units.
+    unit_m : metres per scene unit. All poses and points are in scene units.
     Raises InputError for an object that the scene does not have or that cannot be moved.
     """
 
     def __init__(self, scene: Scene, motion: Motion, unit_m: float = 1.0) -> None:
         mi = mitsuba()
-        self.scene, self.motion, self._unit_m, self._camera = (
-            scene,
-            motion,
-            unit_m,
-            mi.traverse(scene.sensor),
-        )
+        self.scene, self.motion, self._unit_m = scene, motion, unit_m
+        self._camera = mi.traverse(scene.sensor)
         self.rest_pose = camera_to_world(scene.sensor)
         shapes = [shape.id() for shape in scene.mitsuba_scene.shapes()]
         parameters = mi.traverse(scene.mitsuba_scene)
         _require_movable(motion, [*shapes, *_placed_emitters(scene, parameters)])
         self.indices = {name: shapes.index(name) for name in motion.objects if name in shapes}
         self._at_rest = {name: _movable_parameters(parameters, name) for name in motion.objects}
-        # Traversed again: every parameter that was read is looked up at each update, those that are not kept in vain.
+        # Traversed again: each update looks up all parameters that were read, so only these are kept.
         self._shapes = mi.traverse(scene.mitsuba_scene)
         self._shapes.keep([key for kept in self._at_rest.values() for key in kept])
 
@@ -91,7 +86,7 @@ class AnimatedTransforms:
         self._set(self.camera_at(time_s), moved)
 
     def camera_at(self, time_s: float) -> Float64Array:
-        """Pose of the camera, 4×4 to world space."""
+        """Return the pose of the camera to world space, shape (4, 4)."""
         if self.motion.camera is None:
             return self.rest_pose.copy()
         return self._displacement(self.motion.camera, time_s) @ self.rest_pose
@@ -104,18 +99,17 @@ class AnimatedTransforms:
         from_s: float,
         to_s: float,
     ) -> Float64Array:
-        """Positions on the film (N, 2) [pixels] of world points (N, 4) that have moved along with these shapes."""
+        """Return the positions on the film [pixels], shape (N, 2), of world points, shape (N, 4), after moving with
+        their shapes."""
         moved = points.copy()
         for name, index in self.indices.items():
-            mine, motion = shapes == index, self.motion.objects[name]
-            change = self._displacement(motion, to_s) @ np.linalg.inv(
-                self._displacement(motion, from_s)
-            )
-            moved[mine] = points[mine] @ change.T
+            of_shape, motion = shapes == index, self.motion.objects[name]
+            before, after = (self._displacement(motion, time_s) for time_s in (from_s, to_s))
+            moved[of_shape] = points[of_shape] @ (after @ np.linalg.inv(before)).T
         return project(self.scene, moved @ np.linalg.inv(self.camera_at(to_s)).T, guess)
 
     def _displacement(self, motion: RigidMotion, time_s: float) -> Float64Array:
-        """4×4 in scene units; the pivot of a camera is its own position."""
+        """Return a displacement in scene units, shape (4, 4); the default pivot is the position of the camera."""
         metres = self.rest_pose.copy()
         metres[:3, 3] *= self._unit_m
         moved = motion.displacement(time_s, metres)
@@ -123,7 +117,8 @@ class AnimatedTransforms:
         return moved
 
     def _set(self, camera: Float64Array, objects: Mapping[str, Float64Array]) -> None:
-        """Arrays are data of the kernel; from lists the values would be literals, and every pose another kernel."""
+        """Set poses from arrays, which are data of the kernel; values from lists would compile a kernel for each
+        pose."""
         if self.motion.camera is not None:
             self._camera["to_world"] = type(self._camera["to_world"])(camera)
             self._camera.update()
@@ -142,8 +137,8 @@ class AnimatedTransforms:
             self._shapes.update()
 
     def image_speed(self, at_s: float, difference_s: float) -> float:
-        """The largest speed of anything in the image at an instant [px/s]: of all that a grid of rays meets, and of the
-        bounding boxes of the moved shapes (corners, middles of edges and sides, centre), where they are in view."""
+        """Return the largest speed in the image at an instant [px/s]: of the surfaces that a grid of rays meets, and of
+        the visible bounding boxes of moving shapes (corners, centres of edges and sides, centre)."""
         self.set_time(at_s)
         (width, height), (left, top) = self.scene.view.crop_size, self.scene.view.crop_offset
         x, y = (np.unique(np.linspace(0, n - 1, PROBES).round()) + 0.5 for n in (width, height))
@@ -153,49 +148,45 @@ class AnimatedTransforms:
         for index in self.indices.values():
             box = self.scene.mitsuba_scene.shapes()[index].bbox()
             low, high = np.ravel(box.min), np.ravel(box.max)
-            of_box = np.column_stack([low + OF_BOX * (high - low), np.ones(len(OF_BOX))])
+            count = len(BOX_POINTS)
+            of_box = np.column_stack([low + BOX_POINTS * (high - low), np.ones(count)])
             points = np.concatenate([points, of_box])
-            shapes = np.concatenate([shapes, np.full(len(OF_BOX), index)])
-            grid = np.concatenate([grid, np.tile(np.mean(grid, axis=0), (len(OF_BOX), 1))])
+            shapes = np.concatenate([shapes, np.full(count, index)])
+            grid = np.concatenate([grid, np.tile(np.mean(grid, axis=0), (count, 1))])
         before = self.reproject(points, shapes, grid, at_s, at_s)
         after = self.reproject(points, shapes, before, at_s, at_s + difference_s)
-        inside = (
-            np.abs(before - (left + width / 2, top + height / 2)) <= (width / 2, height / 2)
-        ).all(axis=1)
+        centre, half = (left + width / 2, top + height / 2), (width / 2, height / 2)
+        inside = (np.abs(before - centre) <= half).all(axis=1)
         moved = np.hypot(*(after - before)[inside].T)
         return float(np.nanmax(moved, initial=0.0)) / difference_s
 
 
 def pose_m(scene: Scene, motion: Motion, unit_m: float, begin_s: float) -> Float64Array:
-    """Pose of the camera when the first row opens, 4×4 to world space [m]; the scene is at rest."""
+    """Return the pose of the camera to world space [m] when the first row opens, shape (4, 4); the scene is at rest."""
     pose = AnimatedTransforms(scene, motion, unit_m).camera_at(begin_s)
     pose[:3, 3] *= unit_m
     return pose
 
 
 def _placed_emitters(scene: Scene, parameters: MitsubaObject) -> list[str]:
-    """Ids of the emitters that have a transform of their own: spot lights, not those of shapes."""
+    """Return the ids of the emitters with a separate transform: spot lights, but not emitters of shapes."""
     ids = [emitter.id() for emitter in scene.mitsuba_scene.emitters()]
     return [name for name in ids if f"{name}.to_world" in parameters]
 
 
 def _require_movable(motion: Motion, names: Sequence[str]) -> None:
-    """Raise InputError where the motion names something else than these shapes and emitters."""
-    missing = next((name for name in motion.objects if name not in names), None)
-    if missing is None:
-        return
-    known = sorted({name for name in names if name})
-    has = "none of them has an id"
-    if known:
-        has = f"the ids are {', '.join(known)}"
-    raise InputError(
-        f"the motion names {missing!r}, which is neither a shape of the scene nor an emitter with a transform; "
-        f"{has}.{nearest(missing, known)}"
-    )
+    """Raise InputError if the motion names anything other than these shapes and emitters."""
+    for missing in (name for name in motion.objects if name not in names):
+        known = sorted({name for name in names if name})
+        ids = f"the ids are {', '.join(known)}" if known else "no shape or emitter has an id"
+        raise InputError(
+            f"the motion names {missing!r}, which is neither a shape of the scene nor an emitter with a transform; "
+            f"{ids}.{nearest(missing, known)}"
+        )
 
 
 def _movable_parameters(parameters: MitsubaObject, name: str) -> dict[str, Float64Array]:
-    """What changes when a thing moves, at its pose in the scene file: its transform, or the vertices of a mesh."""
+    """Return the parameters that move an object, at rest: its transform, or the vertices of a mesh."""
     transform = f"{name}.to_world"
     if transform in parameters:
         return {
@@ -204,7 +195,7 @@ def _movable_parameters(parameters: MitsubaObject, name: str) -> dict[str, Float
     positions, normals = f"{name}.{POSITIONS}", f"{name}.vertex_normals"
     if positions not in parameters:
         raise InputError(
-            f"the shape {name!r} cannot be moved: it has neither a transform nor vertices; use a mesh."
+            f"the shape {name!r} cannot be moved, because it has neither a transform nor vertices; use a mesh."
         )
     keys = [positions, normals] if len(parameters[normals]) else [positions]
     return {key: np.array(parameters[key], dtype=np.float64).reshape(-1, 3) for key in keys}
@@ -214,10 +205,10 @@ class MovingScene:
     """A scene with a motion and a shutter, rendered like a :class:`Scene`: one pass covers the whole exposure.
 
     scene : at rest.
-    subframes : sub-frames of one exposure; by default so many that nothing in the image moves by more than half a
-        pixel from one to the next. At most one for each sample of a pass; they share the samples evenly.
-    unit_m : metres per scene unit.  begin_s : when the frame begins, in the time of the motion.
-    waveform : of the light, by which the sub-frames are weighed; each row has the same light as with a steady one.
+    subframes : sub-frames of one exposure, at most one for each sample of a pass; they share the samples evenly.
+        Default: enough for motion of at most half a pixel between two sub-frames.
+    unit_m : metres per scene unit.  begin_s : start of the frame in the time of the motion.
+    waveform : of the light, which weights the sub-frames; each row gets the same light as from a steady lamp.
     Raises InputError for a motion that does not fit the scene.
     """
 
@@ -232,17 +223,9 @@ class MovingScene:
         begin_s: float = 0.0,
         waveform: Waveform | None = None,
     ) -> None:
-        self._waveform = waveform
-        self.scene, self._shutter, self.asked_subframes = (
-            scene,
-            shutter_of(camera, exposure, begin_s),
-            subframes,
-        )
-        self.view, self.sha256, self.restrict_wavelengths = (
-            scene.view,
-            scene.sha256,
-            scene.restrict_wavelengths,
-        )
+        self.scene, self.view, self.sha256 = scene, scene.view, scene.sha256
+        self.restrict_wavelengths, self._waveform = scene.restrict_wavelengths, waveform
+        self._shutter, self.asked_subframes = shutter_of(camera, exposure, begin_s), subframes
         self.transforms, self._counts = AnimatedTransforms(scene, motion, unit_m), list[int]()
         self._phase = MIDDLE
         (_, rows), (_, top) = scene.view.crop_size, scene.view.crop_offset
@@ -257,22 +240,22 @@ class MovingScene:
 
     @property
     def begin_s(self) -> float:
-        """When the frame begins, in the time of the motion [s]."""
+        """Start of the frame in the time of the motion [s]."""
         return self._shutter.begin_s
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Those of the scene, and the number of sub-frames."""
+        """Notes of the scene, and the number of sub-frames."""
         blur_px, needed = self.speed_px_per_s * self._shutter.open_s, self._needed
         moves = f"sub-frames per exposure and pass; the image moves up to {blur_px:.3g} px while a row is open"
-        more = f" ({needed} would be smooth in each pass; that takes more samples)"
+        more = f" ({needed} would be smooth in each pass, and need more samples)"
         return (
             *self.scene.notes,
             *(f"{n} {moves}{more if n < needed else ''}" for n in self._counts),
         )
 
     def time_sampling(self) -> TimeSampling | None:
-        """How finely the exposure was sampled; None before the first pass."""
+        """Return how finely the exposure was sampled; None before the first pass."""
         if not self._counts:
             return None
         (_, rows), (_, top) = self.view.crop_size, self.view.crop_offset
@@ -292,37 +275,37 @@ class MovingScene:
         )
 
     def begin_pass(self, seed: int, number: int) -> None:
-        """The pass with this number, of a render with this seed, comes next: its instants lie between those of the
-        passes before."""
+        """Prepare the pass with this number of a render with this seed: its instants lie between those of earlier
+        passes."""
         self._phase = phase_of_pass(hashed_seed(seed, 0, 0) / 2**32, number)
 
     def render(self, seed: int, samples: int, rows: tuple[int, int]) -> NDArray[np.float32]:
-        """One pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], (rows, columns, channels)."""
+        """Return a pass over rows [first, last) of the crop: ∫response·L dλ [W m⁻² sr⁻¹], shape (rows, columns,
+        channels)."""
         wanted = self.asked_subframes or self._needed
         count = subframes_of_pass(wanted, samples)
-        if self._waveform is not None:  # flashes are missed by fewer: one sample each at least
-            count = max(count, min(wanted, MOST_FLASHED))
-        self._counts[:] = [count]  # of the last render, that of a pilot before it is no matter
-        return self._exposed(
-            lambda number, block: self.scene.render(number, max(samples // count, 1), block),
-            (seed, self._phase),
-            count,
-            rows,
-        )
+        if self._waveform is not None:  # fewer would miss flashes: at least one sample each
+            count = max(count, min(wanted, FLASH_SUBFRAMES_MAX))
+        self._counts[:] = [count]  # of the last render, not of a pilot before it
+
+        def make(number: int, block: tuple[int, int]) -> NDArray[np.float32]:
+            return self.scene.render(number, max(samples // count, 1), block)
+
+        return self._exposed(make, (seed, self._phase), count, rows)
 
     def averaged(self, make: Make, seed: int, rows: tuple[int, int]) -> NDArray[np.float32]:
-        """Return what ``make`` makes of rows [first, last) of the crop, averaged over the exposure."""
+        """Return the images that ``make`` renders of rows [first, last) of the crop, averaged over the exposure."""
         count = min(self.asked_subframes or self._needed, GUIDE_SUBFRAMES_MAX)
         return self._exposed(make, (seed, MIDDLE), count, rows)
 
     def _exposed(
         self, make: Make, start: Start, count: int, rows: tuple[int, int]
     ) -> NDArray[np.float32]:
-        """What ``make`` renders with a seed of some rows, averaged over ``count`` sub-frames of the exposure."""
-        # Blocks are rows that are open at about the same time: as many as exposures fit into the read-out of all.
+        """Return the images that ``make`` renders with a seed, averaged over ``count`` sub-frames of the exposure."""
+        # Blocks are rows that are open at about the same time: as many as exposures fit into the readout of all rows.
         total, readout_s = rows[1] - rows[0], (rows[1] - rows[0] - 1) * self._shutter.row_time_s
-        duration_s = max(self._shutter.open_s, readout_s / MOST_BLOCKS, sys.float_info.min)
-        blocks = max(min(math.ceil(readout_s / duration_s), MOST_BLOCKS, total), 1)
+        duration_s = max(self._shutter.open_s, readout_s / BLOCKS_MAX, sys.float_info.min)
+        blocks = max(min(math.ceil(readout_s / duration_s), BLOCKS_MAX, total), 1)
         edges = pairwise(rows[0] + total * k // blocks for k in range(blocks + 1))
         with self.transforms:
             parts = [self._exposed_block(make, start, count, block) for block in edges]
@@ -331,7 +314,7 @@ class MovingScene:
     def _exposed_block(
         self, make: Make, start: Start, count: int, rows: tuple[int, int]
     ) -> Float64Array:
-        """The weighted sum of the sub-frames of some rows, (rows, columns, channels)."""
+        """Return the weighted sum of the sub-frames of a block of rows, shape (rows, columns, channels)."""
         film_rows = rows[0] + self.view.crop_offset[1], rows[1] + self.view.crop_offset[1]
         step_s = self._step_s(count, film_rows)
         seed, phase = start
@@ -345,22 +328,21 @@ class MovingScene:
             self.transforms.set_time(time_s)
             image = make(hashed_seed(seed, 1 + rows[0], k), rows)
             frame = np.zeros(image.shape) if frame is None else frame
-            open_ = (
-                weights[:, k] > 0
-            )  # only these rows, because 0 times an infinite value of a closed row would be NaN
+            # Closed rows are left out, because 0 times an infinite value would be NaN.
+            open_ = weights[:, k] > 0
             frame[open_] += weights[open_, k, None, None] * image[open_]
         assert frame is not None
         return frame
 
     def _step_s(self, count: int, film_rows: tuple[int, int]) -> float:
-        """Time from one sub-frame to the next, ``count`` of them in an exposure."""
+        """Return the time between two of ``count`` sub-frames of an exposure."""
         speed = math.inf if self.asked_subframes else self.speed_px_per_s
         return self._shutter.step_s(count, speed, film_rows)
 
 
 def subframes_of_pass(needed: int, samples: int) -> int:
-    """The fewest sub-frames, at least ``needed``, that share the samples of a pass evenly, at most one per sample; each
-    gets a count that multijitter keeps (see ``pass_plan``)."""
+    """Return the smallest number of sub-frames from ``needed`` that share the samples of a pass evenly, at most one per
+    sample; each gets a number of samples that multijitter keeps (see ``pass_plan``)."""
     shares = range(min(needed, samples), samples)
     return next(
         (n for n in shares if samples % n == 0 and whole_grid(samples // n) == samples // n),

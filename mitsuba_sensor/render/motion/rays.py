@@ -90,18 +90,13 @@ def first_hits(
     world = directions @ camera[:3, :3].T
     unit = world / np.linalg.norm(world, axis=1, keepdims=True)
     finite = np.asarray(np.isfinite(unit).all(axis=1))
-    starts, ahead = (
-        origins @ camera[:3, :3].T + camera[:3, 3],
-        np.where(finite[:, None], unit, (0.0, 0.0, 1.0)),
-    )
-    valid, position, normal, handles, *colour = evaluate(
-        first_surface, np.concatenate([starts, ahead], axis=1)
-    )
+    starts = origins @ camera[:3, :3].T + camera[:3, 3]
+    ahead = np.where(finite[:, None], unit, (0.0, 0.0, 1.0))
+    rays = np.concatenate([starts, ahead], axis=1)
+    valid, position, normal, handles, *colour = evaluate(first_surface, rays)
     found = valid.astype(bool).ravel() & finite
-    rgb, at = (
-        np.stack([np.broadcast_to(c.ravel(), found.shape) for c in colour], axis=-1),
-        found[:, None],
-    )
+    at = found[:, None]
+    rgb = np.stack([np.broadcast_to(c.ravel(), found.shape) for c in colour], axis=-1)
     return SurfaceHits(
         found,
         np.where(at, position, np.nan),

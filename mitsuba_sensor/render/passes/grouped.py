@@ -17,8 +17,8 @@ from ..light.irradiance import Irradiance
 from ..light.light_sum import notes_of_groups, sum_of_groups
 from ..light.photons import mean_electrons
 from ..light.statistics import POOLED, NoiseRatios, RenderStatistics, coarsest, summary_of
-from ..lint.electron_share import with_notes_of_shares
 from ..lint.refusals import refuse_black
+from ..lint.spectrum_checks import with_notes_of_shares
 from ..load.half_pupil import half_note
 from ..samples import PASSES_MIN, hashed_seed
 from .stop_criterion import Progress, RenderProgress, StopCriterion

@@ -38,7 +38,7 @@ from ..light.statistics import (
     summary_of,
     why_not_trusted,
 )
-from ..lint.electron_share import with_notes_of_shares
+from ..lint.spectrum_checks import with_notes_of_shares
 from ..load.scene import Scene
 from ..motion.moving_scene import MovingScene, pose_m
 from ..options import RenderOptions

@@ -1,5 +1,5 @@
 """Plugins for plain Mitsuba: <sensor type="camera">, <film type="photosensor"> and <integrator type="raw_frame">.
 
-plugin_hook.py makes them known to Mitsuba. It is imported with this package, which puts a finder into sys.meta_path for
-that, and imports plugins.py (sensor and film) and raw_film.py (raw frames, the integrator) when a scene has one.
+plugin_hook.py registers them. The package imports it and puts a finder into sys.meta_path; plugins.py (sensor and film)
+and raw_film.py (integrator and raw frames) are imported when a scene needs them.
 """

@@ -1,4 +1,4 @@
-"""Digital numbers and the likelihood of a raw frame, with the graph of derivatives of a scene that Mitsuba rendered."""
+"""Digital numbers and the likelihood of a raw frame, with derivatives into a scene that Mitsuba rendered."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def digital(
     seed: int | None = None,
     **options: Unpack[ChipOptions],
 ) -> Array:
-    """Digital numbers of an image that Mitsuba rendered, with derivatives.
+    """Return the digital numbers of an image that Mitsuba rendered, with derivatives.
 
     ::
 
@@ -56,15 +56,16 @@ def digital(
         codes = ms.digital(image, camera, exposure, sensor=scene.sensors()[0])
         drjit.backward(drjit.mean((codes - target) ** 2))  # fills drjit.grad of the parameters of the scene
 
-    image : of a <film type="photosensor">, (H, W, bands): the light of each band behind the lens [W m⁻² sr⁻¹].
-    camera, exposure, seed : by default those of the film.
-    sensor : of the scene, whose film has been rendered.
+    image : from a <film type="photosensor">, shape (H, W, bands): the light of each band after the lens [W m⁻² sr⁻¹].
+    camera, exposure, seed : default: those of the film.
+    sensor : sensor of the scene with the rendered film.
     parameters : fields of the camera (``"readout.sense_gain_uv_per_e"``, ``"lens.f_number"``), ``"exposure.time_s"``
-        and ``"exposure.temperature_k"`` as Dr.Jit numbers, whose values replace those of camera and exposure, and which
-        get derivatives as the parameters of the scene do.
-    expected : the expected code of every pixel of this chip, clips and rounding included; or, if False, the code of
-        the first frame of the seed, with the derivatives of :func:`differentiable`.
-    Returns a tensor (H, W) of the type of the image. Raises InputError.
+        and ``"exposure.temperature_k"`` as Dr.Jit numbers. Their values replace those of camera and exposure, and they
+        get derivatives like the parameters of the scene.
+    expected : True for the expected code of every pixel of this sensor unit, including clips and rounding; False for
+        the code of the first frame of the seed, with the derivatives of :func:`differentiable`.
+
+    Returns a tensor of the type of the image, shape (H, W). Raises InputError.
     """
     chip = _Chip.of(image, camera, exposure, sensor, parameters, options)
     if expected:
@@ -93,37 +94,30 @@ def raw_log_likelihood(
         chance = ms.raw_log_likelihood(raw, halves, camera, exposure, sensor=scene.sensors()[0])
         drjit.backward(-drjit.sum(chance))
 
-    digital : (H, W) whole numbers of one frame.
-    image : one image, or a list of images of the same scene with different seeds, whose mean is taken.
-    render_variance : (H, W) variance of the light of each pixel over the square of the light, e.g.
-        ``light.relative_error**2`` of :func:`render`. Default: from the differences of several images; one image
-        counts as free of noise.
-    The rest as for :func:`digital`.
-    The distribution is that of a Poisson count behind a full well, with the read noise of every pixel and the noise of
-    the render, rounded and clipped. One code in 10 000 may be an outlier, so a wrong pixel cannot outweigh all others.
-    Temporal noise that pixels of a row or column share is treated as independent.
-    Returns a tensor (H, W) of the type of the image; its sum is what to maximise. Raises InputError.
+    digital : whole numbers of one frame, shape (H, W).
+    image : one image, or a list of images of the same scene with different seeds, which are averaged.
+    render_variance : variance of the light of each pixel over the square of the light, shape (H, W), e.g.
+        ``light.relative_error**2`` of :func:`render`. Default: from the differences of several images; a single image
+        is treated as noise-free.
+
+    The other parameters are those of :func:`digital`. The probability distribution is a Poisson count limited by the
+    full well, with the read noise of every pixel and render noise, rounded and clipped. One code in 10 000 may be an
+    outlier, so a wrong pixel cannot outweigh all other pixels. Row and column noise is treated as independent.
+
+    Returns a tensor of the type of the image, shape (H, W); maximise its sum. Raises InputError.
     """
     passes: list[Array] = [*image] if isinstance(image, list | tuple) else [image]
-    shapes = {getattr(one, "shape", None) for one in passes}
+    shapes = {getattr(x, "shape", None) for x in passes}
     if len(shapes) != 1:
         raise InputError(
             f"image is a list of images of {len(shapes)} shapes; pass one or several renders of the same sensor."
         )
-    mean = passes[0]
-    for one in passes[1:]:
-        mean = mean + one
-    mean = mean / len(passes)
+    mean = sum(passes[1:], passes[0]) / len(passes)
     chip = _Chip.of(mean, camera, exposure, sensor, parameters, options)
-    highest, codes = (
-        chip.pixels.highest,
-        numbers("digital", digital, "the whole numbers of a raw frame (H, W)"),
-    )
-    shape = chip.light.shape
-    if (
-        codes.shape != shape
-        or not ((codes == np.round(codes)) & (codes >= 0) & (codes <= highest)).all()
-    ):
+    codes = numbers("digital", digital, "the whole numbers of a raw frame (H, W)")
+    highest, shape = chip.pixels.highest, chip.light.shape
+    is_code = (codes == np.round(codes)) & (codes >= 0) & (codes <= highest)
+    if codes.shape != shape or not is_code.all():
         raise InputError(
             f"digital has shape {codes.shape} and values from {codes.min():g} to {codes.max():g}; it must have whole "
             f"numbers from 0 to {highest} in the shape of the image, {shape}."
@@ -134,7 +128,7 @@ def raw_log_likelihood(
 
 @dataclass(frozen=True, eq=False)
 class _Chip:
-    """What both functions need."""
+    """Image, light and pixels of both functions."""
 
     image: Array
     light: ImageLight
@@ -150,17 +144,14 @@ class _Chip:
         parameters: Mapping[str, Array] | None,
         options: ChipOptions,
     ) -> _Chip:
-        """Checked."""
-        chosen = complete(ChipOptions, options)
-        maps = chosen["maps"]
-        backend = _backend_of(image)
-        given = None if camera is None else camera_of(camera)
-        light = ImageLight.of(sensor, given)
+        """Return the checked inputs. Raises InputError."""
+        chosen, backend = complete(ChipOptions, options), _backend_of(image)
+        light = ImageLight.of(sensor, None if camera is None else camera_of(camera))
         exposure = _exposure(exposure, light)
         check_types(light.camera, exposure)
         values, changes = _variables(parameters or {}, type(image.array))
-        own, exposure = _with_values(light.camera, exposure, values)
-        light = replace(light, camera=own)
+        changed, exposure = _with_values(light.camera, exposure, values)
+        light = replace(light, camera=changed)
         growth = {name: light.growth(name, exposure) for name in values}
         number = type(image.array)  # opaque: as data of the kernel, which is compiled once
         grown = {
@@ -168,22 +159,18 @@ class _Chip:
         }
         light_e = light.electrons(image, exposure, grown)
         serial = require_seed("serial", first_given(chosen["serial"], light.settings.serial, 1))
-        window = SensorWindow(serial, light.shape, light.origin, camera=own.name)
-        window = replace(window, given=checked_maps(maps, window, own))
-        frame = Frame(exposure, window, gain=own.gain or "")
-        pixels = AttachedPixels.of(own, frame, light_e, changes, tuple(grown), backend)
+        window = SensorWindow(serial, light.shape, light.origin, camera=changed.name)
+        window = replace(window, given=checked_maps(chosen["maps"], window, changed))
+        frame = Frame(exposure, window, gain=changed.gain or "")
+        pixels = AttachedPixels.of(changed, frame, light_e, changes, tuple(grown), backend)
         return cls(image, light, pixels)
 
     def render_e2(self, passes: Sequence[Array], given: ArrayLike | None) -> Float64Array:
-        """Return the variance of the mean photoelectrons, (H, W), averaged over neighbours: a pixel that is bright by
-        chance must not weigh less for it. Raises InputError."""
+        """Return the variance of the mean photoelectrons, shape (H, W), averaged over neighbours, so a pixel that is
+        bright at random keeps its weight. Raises InputError."""
         exposure, shape = self.pixels.frame.exposure, self.light.shape
-        electrons = np.stack(
-            [
-                drjit().detach(self.light.electrons(one, exposure, {})).numpy().reshape(shape)
-                for one in passes
-            ]
-        ).astype(np.float64)
+        detached = (drjit().detach(self.light.electrons(x, exposure, {})) for x in passes)
+        electrons = np.stack([x.numpy().reshape(shape) for x in detached]).astype(np.float64)
         if given is None:
             count = len(passes)
             variance = electrons.var(axis=0, ddof=1) / count if count > 1 else np.zeros(shape)
@@ -197,12 +184,12 @@ class _Chip:
         return np.asarray(relative * near_mean(near_mean(electrons.mean(axis=0))) ** 2)
 
     def tensor(self, values: Array) -> Array:
-        """As (H, W)."""
+        """Return a tensor, shape (H, W)."""
         return type(self.image)(values, self.light.shape)
 
 
 def _backend_of(image: Array) -> str:
-    """ "llvm" or "cuda" of an image. Raises InputError for one without derivatives."""
+    """Return "llvm" or "cuda" for an image. Raises InputError for an image without derivatives."""
     module = type(image).__module__
     single = hasattr(image, "array") and type(image.array).__name__ == "Float"
     for backend in ("llvm", "cuda"):
@@ -215,21 +202,19 @@ def _backend_of(image: Array) -> str:
 
 
 def _exposure(exposure: Exposure | None, light: ImageLight) -> Exposure:
-    """The one given, else that of the film. Raises InputError where that is metered."""
-    if exposure is not None:
-        return exposure
-    found = light.settings.exposure
-    if not isinstance(found, Exposure):
+    """Return the given exposure, else the exposure of the film. Raises InputError for a metered film."""
+    chosen = exposure or light.settings.exposure
+    if not isinstance(chosen, Exposure):
         raise InputError(
             "the film sets no exposure in seconds; pass one, e.g. ms.Exposure(0.01)."
         )
-    return found
+    return chosen
 
 
 def _variables(
     parameters: Mapping[str, Array], number: Array
 ) -> tuple[dict[str, float], dict[str, Array]]:
-    """Values of Dr.Jit numbers, and the numbers minus their values. Raises InputError."""
+    """Return the values of Dr.Jit numbers, and the numbers minus their values. Raises InputError."""
     dr, values, changes = drjit(), dict[str, float](), dict[str, Array]()
     if not isinstance(parameters, Mapping):
         raise InputError(
@@ -249,17 +234,15 @@ def _variables(
 def _with_values(
     camera: Camera, exposure: Exposure, values: Mapping[str, float]
 ) -> tuple[Camera, Exposure]:
-    """Camera and exposure with these values. Raises InputError."""
-    of_exposure, of_camera = dict[str, float](), dict[str, float]()
-    for name, value in values.items():
-        if name.startswith(EXPOSURE):
-            of_exposure[name.removeprefix(EXPOSURE)] = value
-        else:
-            of_camera[name] = value
+    """Return camera and exposure with these values. Raises InputError."""
+    of_camera = {name: x for name, x in values.items() if not name.startswith(EXPOSURE)}
+    of_exposure = {
+        name.removeprefix(EXPOSURE): x for name, x in values.items() if name not in of_camera
+    }
     if unknown := of_exposure.keys() - {"time_s", "temperature_k"}:
         raise InputError(
-            f"parameters names {EXPOSURE + min(unknown)!r}; there are {TIME!r} and 'exposure.temperature_k'."
+            f"parameters names {EXPOSURE + min(unknown)!r}; it can be {TIME!r} or 'exposure.temperature_k'."
         )
-    return camera.replace(**of_camera) if of_camera else camera, replace(
-        exposure, **of_exposure
-    )
+    if of_camera:
+        camera = camera.replace(**of_camera)
+    return camera, replace(exposure, **of_exposure)

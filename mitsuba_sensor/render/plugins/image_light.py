@@ -1,4 +1,5 @@
-"""What a photosensor's image of plain Mitsuba is: ∫L dλ of bands behind the lens, and the electrons that it frees.
+"""The photoelectrons of an image that plain Mitsuba rendered with a photosensor, which is ∫L dλ of bands after the
+lens.
 
     λ = Ω(x, y)·Σ_b w_fb·L_b
 
@@ -30,19 +31,17 @@ from ..variants import MitsubaObject, mitsuba
 ANOTHER = (
     'load a scene with a <film type="photosensor"> and pass its sensor, e.g. scene.sensors()[0]'
 )
-FOCUS_STEP = 1e-4
-"""Relative step of the difference by a focus distance."""
-
-SAME = 1e-6
-"""Relative derivatives of electrons of different bands or places that differ by less are the same."""
+FOCUS_STEP = 1e-4  # relative step of the difference by a focus distance
+SAME_DERIVATIVE = 1e-6  # relative difference of equal derivatives of different bands or places
 
 
 @dataclass(frozen=True, eq=False)
 class ImageLight:
-    """How the image of one sensor becomes photoelectrons.
+    """Conversion of the image of one sensor to photoelectrons.
 
-    settings : of the film and the sensor around it.  camera : whose pixels and lens these are.
-    focus : distance of a thin lens in scene units, a variable of Mitsuba; None of a pinhole.  unit_m : metres per unit.
+    settings : of the film and the sensor around it.  camera : camera with the pixels and the lens.
+    focus : distance of a thin lens in scene units, a variable of Mitsuba; None for a pinhole.
+    unit_m : metres per scene unit.
     """
 
     settings: SceneSettings
@@ -54,7 +53,8 @@ class ImageLight:
 
     @classmethod
     def of(cls, sensor: MitsubaObject, camera: Camera | None) -> ImageLight:
-        """Of a sensor of Mitsuba with a photosensor as its film. Raises InputError for any other."""
+        """Return the conversion for a Mitsuba sensor with a photosensor as its film. Raises InputError for any other
+        sensor."""
         if camera is not None:
             check_types(camera, Exposure(0.0))
         film = getattr(sensor, "film", None)
@@ -65,11 +65,11 @@ class ImageLight:
                 f"its film; {ANOTHER}."
             )
         settings = settings_from(known.film, {})
-        own = settings.camera
-        assert own is not None  # a photosensor is not built without one
-        width_nm = settings.bandwidth_nm or BANDWIDTH_NM
-        bands = choose_bands(own, settings.wavelength_nm, width_nm, settings.spectral or "auto")
-        chosen = own if camera is None else camera
+        of_film = settings.camera
+        assert of_film is not None  # a photosensor requires a camera
+        width_nm, spectral = settings.bandwidth_nm or BANDWIDTH_NM, settings.spectral or "auto"
+        bands = choose_bands(of_film, settings.wavelength_nm, width_nm, spectral)
+        chosen = camera or of_film
         if bands.response is not None and bands.response != response_fingerprint(chosen):
             raise InputError(
                 "the film has the channels of a camera with another quantum efficiency or lens; set its camera, or its "
@@ -77,12 +77,12 @@ class ImageLight:
             )
         if chosen.quantum_efficiency.quantum_yield is not None:
             raise InputError(
-                f"{chosen.name} has a quantum_yield, of which digital knows no derivative; take ms.differentiable."
+                f"{chosen.name} has a quantum_yield, for which digital has no derivative; take ms.differentiable."
             )
         if chosen.sensor.polarizers is not None:
             raise InputError(
-                f"{chosen.name} has polarisers, which an image of Mitsuba's own sensors does not know; take ms.render, "
-                "or a camera without sensor.polarizers."
+                f"{chosen.name} has polarisers, which images of Mitsuba's own sensors ignore; take ms.render, or a "
+                "camera without sensor.polarizers."
             )
         unit_m = settings_from(known.film, known.sensor or {}).unit_m or 1.0
         focus = mitsuba().traverse(sensor).get("focus_distance")
@@ -95,11 +95,11 @@ class ImageLight:
 
     @property
     def origin(self) -> tuple[int, int]:
-        """Row and column of its first pixel on the sensor."""
+        """Row and column of the first pixel on the sensor."""
         return self.view.crop_offset[::-1]
 
     def electrons(self, image: Array, exposure: Exposure, growth: Mapping[str, Array]) -> Array:
-        """Mean photoelectrons of every pixel, (H·W), on Dr.Jit and with derivatives.
+        """Return the mean photoelectrons of every pixel, shape (H·W,), on Dr.Jit with derivatives.
 
         growth : by parameter name, relative derivative of the electrons times the change of the parameter.
         """
@@ -117,49 +117,44 @@ class ImageLight:
         return light * number(omega) * (more + self._growth_by_focus())
 
     def _growth_by_focus(self) -> Array:
-        """Relative change of Ω with the focus distance, which the magnification depends on, if that is a variable with
-        derivatives; 0."""
+        """Return the relative change of Ω with the focus distance by the magnification, whose value is 0, if the
+        distance has derivatives."""
         dr = drjit()
         if self.focus is None or not dr.grad_enabled(self.focus):
             return 0.0
         step_m = FOCUS_STEP * self.view.focus_m
-        ends = (
-            self._solid_angle(
-                self.camera, replace(self.view, focus_m=self.view.focus_m + sign * step_m)
-            )
-            for sign in (1, -1)
+        far, near = (
+            self._solid_angle(self.camera, replace(self.view, focus_m=self.view.focus_m + step))
+            for step in (step_m, -step_m)
         )
-        per_m = float(np.log(next(ends) / next(ends)).mean()) / (2 * step_m)
+        per_m = float(np.log(far / near).mean()) / (2 * step_m)
         growth = dr.opaque(type(self.focus), per_m * self.unit_m)
         return growth * (self.focus - dr.detach(self.focus))
 
     def growth(self, name: str, exposure: Exposure) -> float:
-        """d ln(electrons)/d ``name`` at the same image; 0 for a number that they do not depend on."""
+        """Return d ln(electrons)/d ``name`` at the same image; 0 for a parameter without influence."""
         numbers = Parameters(self.camera, exposure)
-
-        def of_bands(camera: Camera, exposure: Exposure) -> Float64Array:
-            return self._weights(camera, exposure)
 
         def of_lens(camera: Camera, exposure: Exposure) -> Float64Array:
             return self._solid_angle(camera, self.view)
 
         value, total = numbers.value(name), 0.0
-        for function in (of_bands, of_lens):
+        for function in (self._weights, of_lens):
             values = function(self.camera, exposure)
             lit = values > 0
             relative = numbers.derivative(name, function, (name,))[lit] / values[lit]
-            if not relative.size or np.abs(relative).max() * abs(value) < SAME:
+            if not relative.size or np.abs(relative).max() * abs(value) < SAME_DERIVATIVE:
                 continue
-            if np.ptp(relative) > SAME * np.abs(relative).max():
+            if np.ptp(relative) > SAME_DERIVATIVE * np.abs(relative).max():
                 raise InputError(
-                    f"parameters names {name!r}, which changes the light of one band or place more than that of "
-                    "another; compare two values instead."
+                    f"parameters names {name!r}, which changes the light of different bands or places differently; "
+                    "compare two values instead."
                 )
             total += float(relative.mean())
         return total
 
     def _weights(self, camera: Camera, exposure: Exposure) -> Float64Array:
-        """Electrons of 1 W m⁻² in each channel of the film behind every filter, (F, B)."""
+        """Return the electrons for 1 W m⁻² in each channel of the film and each colour filter, shape (F, B)."""
         scale = self.bands.scale
         if self.bands.kind != "channels" and camera.lens.transmission_curve is None:
             passed = transmittance(camera, self.bands.wavelengths_nm)
@@ -167,12 +162,12 @@ class ImageLight:
         return electrons_per_irradiance(camera, exposure, self.bands) * scale
 
     def _solid_angle(self, camera: Camera, view: View) -> Float64Array:
-        """Ω [sr] of every pixel; plain Mitsuba's rays have no distortion."""
+        """Return Ω [sr] of every pixel; plain Mitsuba's rays have no distortion."""
         straight = camera.lens.model_copy(update={"distortion": None})
         return solid_angle_sr(view, camera.model_copy(update={"lens": straight}))
 
     def _filter_of(self, pixel: Array, unsigned: type) -> Array:
-        """Number of the colour filter of these pixels."""
+        """Return the index of the colour filter of these pixels."""
         tile, (row, column) = np.array(self.camera.quantum_efficiency.filter_tile), self.origin
         high, wide = tile.shape
         dr, columns = drjit(), self.shape[1]
@@ -181,7 +176,7 @@ class ImageLight:
         return dr.gather(unsigned, unsigned(tile.ravel().tolist()), y * wide + x)
 
     def _check(self, image: Array) -> None:
-        """Raise InputError for an image that is not this sensor's."""
+        """Raise InputError for an image of another sensor."""
         shape = getattr(image, "shape", None)
         expected = (*self.shape, len(self.bands.responses))
         if shape is None or tuple(shape) != expected or not hasattr(image, "array"):

@@ -1,8 +1,8 @@
-"""Makes our plugins known to Mitsuba, whichever of the two packages is imported first; imports Mitsuba never.
+"""Registers the plugins in Mitsuba, whichever package is imported first, without importing Mitsuba.
 
-``import mitsuba_sensor`` calls :func:`watch`: one finder goes into ``sys.meta_path`` where Mitsuba is not imported
-yet. The finder looks at the import of ``mitsuba`` alone and takes itself out once Mitsuba is loaded. It is all that an
-import of this package changes in a process (docs/scene.md).
+``import mitsuba_sensor`` calls :func:`watch`, which puts a finder into ``sys.meta_path`` if Mitsuba is not imported
+yet. The finder handles only the import of ``mitsuba`` and removes itself afterwards. An import of this package changes
+nothing else in a process (docs/scene.md).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ...core.llvm import guarded_import
 
 
 def watch() -> None:
-    """Register the plugins in Mitsuba now if it is imported, else when it is."""
+    """Register the plugins in Mitsuba, now or when it is imported."""
     if (mi := sys.modules.get("mitsuba")) is not None:
         register(mi)
     elif not any(isinstance(finder, AfterMitsuba) for finder in sys.meta_path):
@@ -25,19 +25,19 @@ def watch() -> None:
 
 
 def register(mi: ModuleType) -> None:
-    """Register the plugins in the variant that is set and in all that will be set."""
+    """Register the plugins in the present variant and in all later variants."""
     mi.detail.add_variant_callback(_register)  # a set: the same function is kept once
     if mi.variant() is not None:
         _register(None, mi.variant())
 
 
 class AfterMitsuba:
-    """On sys.meta_path: finds Mitsuba as Python does, and registers the plugins once it is loaded."""
+    """A finder in sys.meta_path that registers the plugins when Mitsuba is loaded."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Of Mitsuba alone."""
+        """Return the spec of Mitsuba; None for any other module."""
         spec = PathFinder.find_spec(fullname, path, target) if fullname == "mitsuba" else None
         if spec is None or spec.loader is None:
             return None
@@ -48,14 +48,14 @@ class AfterMitsuba:
                 load(module)
             if self in sys.meta_path:
                 sys.meta_path.remove(self)
-            register(sys.modules["mitsuba"])  # which has put another module into its place
+            register(sys.modules["mitsuba"])  # Mitsuba has replaced its module
 
         spec.loader.exec_module = load_and_register  # type: ignore[method-assign]
         return spec
 
 
 def _register(_before: str | None, _now: str | None) -> None:
-    """The plugins themselves are imported when a scene has one of them."""
+    """Register factories that import the plugins when a scene uses them."""
     mi = sys.modules["mitsuba"]
 
     def film(props: Any) -> Any:
@@ -79,7 +79,7 @@ def _register(_before: str | None, _now: str | None) -> None:
 
 
 def register_plugins() -> None:
-    """Register the two plugins in the variant that is set and in all that will be set. May be repeated.
+    """Register the plugins in the present variant and in all later variants. Repeated calls have no effect.
 
     ::
 
@@ -87,7 +87,7 @@ def register_plugins() -> None:
         mi.set_variant("llvm_ad_spectral")
         scene = mi.load_file("photosensor.xml")
 
-    Importing this package does it, where Python finds Mitsuba by itself.
+    Importing this package calls it automatically if Python finds Mitsuba.
     """
     from ..variants import mitsuba
 

@@ -1,12 +1,12 @@
 """Registers two plugins for plain Mitsuba: <sensor type="camera"> and <film type="photosensor">.
 
-Each is a factory: it reads its parameters and returns an object of Mitsuba's own (specfilm; perspective or thinlens),
-so that ``mi.load_file`` and ``mi.render`` run at full speed in every spectral variant, and an unread parameter still
-raises with its file and line. The only data that a film of Mitsuba can carry is its id; it contains the parameters, and
-the sensor around the film reads the pixel pitch from it.
+Each is a factory: it reads its parameters and returns a built-in Mitsuba object (specfilm; perspective or thinlens), so
+``mi.load_file`` and ``mi.render`` run at full speed in every spectral variant, and an unknown parameter still raises
+with file and line. A film of Mitsuba can carry no data except its id, which contains the parameters; the sensor around
+the film reads the pixel pitch from it.
 
-The values of such a film are ∫L dλ over each band [W m⁻² sr⁻¹], or weighted by each colour filter: the lens's solid
-angle, exposure and noise follow in :func:`mitsuba_sensor.render`. A prescription is traced there only; plain Mitsuba
+The values of such a film are ∫L dλ over each band [W m⁻² sr⁻¹], or weighted by each colour filter. The solid angle of
+the lens, exposure and noise follow in :func:`mitsuba_sensor.render`, which also traces a prescription; plain Mitsuba
 gets the thin lens of the same focal length and f-number.
 """
 
@@ -30,20 +30,17 @@ from ..variants import MitsubaObject, mitsuba
 from .raw_film import RAW, raw_film
 from .silhouettes import splat_silhouettes_in_bands
 
-OF_VIEW = (
-    "focal_length_mm",
-    "focus_distance_m",
-    "scene_unit",
-)  # parameters of a sensor that no camera has
+OF_VIEW = ("focal_length_mm", "focus_distance_m", "scene_unit")
+"""Parameters of a sensor that are not camera fields."""
 
 
 def photosensor(props: MitsubaObject) -> MitsubaObject:
-    """<film type="photosensor"> → Mitsuba's specfilm."""
+    """Return Mitsuba's specfilm for <film type="photosensor">."""
     return _photosensor(PluginParameters(film_fields_of(props)))
 
 
 def _photosensor(parameters: PluginParameters) -> MitsubaObject:
-    """A specfilm with the bands of its camera, which has the parameters of film and sensor in its id."""
+    """Return a specfilm with the bands of its camera, and the parameters of film and sensor in its id."""
     mi, settings = mitsuba(), settings_from(parameters.film, {})
     if not mi.is_spectral:
         raise InputError(
@@ -63,14 +60,11 @@ def _photosensor(parameters: PluginParameters) -> MitsubaObject:
 
 
 def camera(props: MitsubaObject) -> MitsubaObject:
-    """<sensor type="camera"> → Mitsuba's perspective or thinlens."""
+    """Return Mitsuba's perspective or thinlens sensor for <sensor type="camera">."""
     mi, lens = mitsuba(), sensor_fields_of(props)
-    nested = {
-        name: props[name] for name in props if props.type(name) == mi.Properties.Type.Object
-    }
-    film_name = next(
-        (name for name, value in nested.items() if isinstance(value, mi.Film)), None
-    )
+    kind = mi.Properties.Type.Object
+    nested = {name: props[name] for name in props if props.type(name) == kind}
+    film_name = next((name for name, x in nested.items() if isinstance(x, mi.Film)), None)
     known = None if film_name is None else parameters_of(nested[film_name])
     if film_name is None or known is None:
         raise InputError(
@@ -79,13 +73,11 @@ def camera(props: MitsubaObject) -> MitsubaObject:
     settings = settings_from(known.film, lens)
     assert settings.camera is not None  # a photosensor is not built without one
     kind, view = built_in_sensor(settings, settings.camera, nested[film_name].size()[0])
-    of_camera = {
-        name: json.dumps(value) for name, value in lens_fields(lens).items()
-    }  # as TOML
+    of_camera = {name: json.dumps(value) for name, value in lens_fields(lens).items()}  # TOML
     rest = {name: value for name, value in lens.items() if name in OF_VIEW}
     parameters = PluginParameters({**known.film, **of_camera}, rest)
     nested[film_name] = _photosensor(parameters)
     passed = {name: props[name] for name in props if name in PASSED_ON}
     sensor = mi.load_dict({"type": kind, "id": props.id(), **view, **passed, **nested})
-    sensor.film().set_id(parameters.id())  # load_dict gives it the name that it has there
+    sensor.film().set_id(parameters.id())  # load_dict changes the id to the name in the dict
     return sensor

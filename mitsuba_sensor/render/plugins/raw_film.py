@@ -1,8 +1,8 @@
-"""Raw frames out of plain Mitsuba: a film that holds digital numbers, and the integrator that fills it.
+"""Raw frames from plain Mitsuba: a film that contains digital numbers, and the integrator that fills it.
 
 ``<film type="photosensor"><string name="output" value="raw"/>`` is such a film; ``<integrator type="raw_frame">``
-around another one renders the scene with that one and exposes the camera. Then ``mi.render`` returns the raw frame, and
-``film.develop()``, ``film.bitmap()`` and ``film.write()`` have it. Both are classes of Python, one for each variant.
+renders the scene with the integrator inside it and exposes the camera. Then ``mi.render``, ``film.develop()``,
+``film.bitmap()`` and ``film.write()`` return the raw frame. Both are Python classes, one for each variant.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from ..scene.loaded_scene import LoadedView
 from ..scene.plugin_parameters import PluginParameters
 from ..variants import MitsubaObject, mitsuba
 
-RAW = "raw"  # of the parameter output
+RAW = "raw"  # value of the parameter output
 NO_DERIVATIVE = (
-    'the digital numbers of a raw frame have no derivative; render the light, with a photosensor of output "bands" and '
-    "without raw_frame, and take mitsuba_sensor.differentiable for the sensor behind it."
+    'the digital numbers of a raw frame have no derivative; render the light with a photosensor of output "bands" and '
+    "without raw_frame, and use mitsuba_sensor.differentiable for the sensor."
 )
 
 
 def raw_film(bands: MitsubaObject, parameters: PluginParameters) -> MitsubaObject:
-    """A film of the size of the film of the bands."""
+    """Return a raw film with the size of the film of the bands."""
     mi = mitsuba()
     _end_with_own_sentence(mi)
     props = mi.Properties("photosensor")
@@ -42,34 +42,32 @@ def raw_film(bands: MitsubaObject, parameters: PluginParameters) -> MitsubaObjec
 
 
 def _size_of(film: MitsubaObject) -> dict[str, int]:
-    """The parameters of a film for size and crop."""
+    """Return the size and crop parameters of a film."""
     names = "width", "height", "crop_width", "crop_height", "crop_offset_x", "crop_offset_y"
     numbers = *film.size(), *film.crop_size(), *film.crop_offset()
     return {name: int(number) for name, number in zip(names, numbers, strict=True)}
 
 
 def raw_frame(props: MitsubaObject) -> MitsubaObject:
-    """<integrator type="raw_frame"> around another integrator; by default around path."""
+    """Return <integrator type="raw_frame"> around the nested integrator, by default path."""
     mi = mitsuba()
     _end_with_own_sentence(mi)
     nested = [props[name] for name in props if props.type(name) == mi.Properties.Type.Object]
-    inner = next((one for one in nested if isinstance(one, mi.Integrator)), None)
+    inner = next((x for x in nested if isinstance(x, mi.Integrator)), None)
     level = mi.log_level()
-    mi.set_log_level(
-        mi.LogLevel.Error
-    )  # Mitsuba warns that Python is slow in scalar variants; it traces no ray here
+    # Mitsuba warns that Python is slow in scalar variants, but no ray is traced here.
+    mi.set_log_level(mi.LogLevel.Error)
     try:
-        return _integrator_class(mi.variant())(
-            props, mi.load_dict({"type": "path"}) if inner is None else inner
-        )
+        inner = mi.load_dict({"type": "path"}) if inner is None else inner
+        return _integrator_class(mi.variant())(props, inner)
     finally:
         mi.set_log_level(level)
 
 
 @cache
 def _end_with_own_sentence(mi: MitsubaObject) -> None:
-    """Let mi.render raise an InputError of a raw frame itself: in variants with derivatives it raises a RuntimeError of
-    drjit.custom, whose cause stands thirty lines above the end of the traceback."""
+    """Let mi.render raise the InputError of a raw frame directly: in variants with derivatives drjit.custom raises a
+    RuntimeError, and its cause is thirty lines above the end of the traceback."""
     inner = mi.render
 
     @wraps(inner)
@@ -86,25 +84,25 @@ def _end_with_own_sentence(mi: MitsubaObject) -> None:
 
 @cache
 def _film_class(variant: str) -> MitsubaObject:
-    """The film's class; Mitsuba has another base class in every variant."""
+    """Return the class of the film; Mitsuba has another base class in every variant."""
     mi = mitsuba()
     assert mi.variant() == variant
     base: MitsubaObject = mi.Film
 
     class RawFilm(base):  # type: ignore[misc]
-        """digital : the frame (H, W) [DN], once it is rendered."""
+        """digital : the rendered frame, shape (H, W) [DN]."""
 
         digital: NDArray[np.unsignedinteger] | None = None
 
         def prepare(self, aovs: Any) -> int:
-            """Called by an integrator that fills it with samples, which it cannot hold."""
-            way_out = "put the integrator of the scene into one, or omit output for the light of each band"
+            """Reject an integrator that fills the film with samples."""
             raise InputError(
-                f'a photosensor of output "raw" needs <integrator type="raw_frame">; {way_out}.'
+                'a photosensor of output "raw" needs <integrator type="raw_frame">; put the integrator of the scene '
+                "into it, or omit output for the light of each band."
             )
 
         def develop(self, raw: bool = False) -> MitsubaObject:
-            """Return the raw frame, (H, W, 1) [DN], which is the same whether raw or not."""
+            """Return the raw frame, shape (H, W, 1) [DN], regardless of ``raw``."""
             return mi.TensorXf(self._frame().astype(np.float32)[..., None])
 
         def bitmap(self, raw: bool = False) -> MitsubaObject:

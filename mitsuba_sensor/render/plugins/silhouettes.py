@@ -1,8 +1,8 @@
 """Lets the projective integrators of Mitsuba 3.9.1 differentiate silhouettes into a film of bands.
 
-``direct_projective`` and ``prb_projective`` add what a moving silhouette changes by ``ImageBlock.put(pos, wavelengths,
-value, …)``, which makes red, green and blue of it and raises an error for a film of bands. With such a film, and while
-they do this, the block gets what the film makes of the same sample. Nothing changes for any other film.
+``direct_projective`` and ``prb_projective`` add the change by a moving silhouette with ``ImageBlock.put(pos,
+wavelengths, value, …)``, which converts it to RGB and raises an error for a film of bands. For such a film, the block
+receives the channels that the film prepares from the same sample. Other films are unchanged.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ METHODS = "render_primarily_visible_silhouette", "render_indirect_silhouette"
 
 
 def splat_silhouettes_in_bands() -> None:
-    """Change the class of the projective integrators, once."""
+    """Patch the class of the projective integrators once."""
     base = importlib.import_module("mitsuba.python.ad.integrators.common").PSIntegrator
     for name in METHODS:
         method = getattr(base, name)
@@ -48,7 +48,7 @@ def _in_bands(method: Callable[..., MitsubaObject]) -> Callable[..., MitsubaObje
 
 @contextmanager
 def _samples_of(film: MitsubaObject) -> Iterator[None]:
-    """Samples that are put into a block become those of this film."""
+    """Convert samples that are put into a block to the channels of this film."""
     mi = mitsuba()
     put = mi.ImageBlock.put
 

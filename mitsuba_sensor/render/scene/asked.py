@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from ...camera.datasheet_errors import sentence
 from ...core import Float64Array, InputError, nearest
+from ...core.errors import shown
 from ...core.id_groups import as_options, groups_of_ids
 from ...files.texts import read_toml
 from .motion import KeyPose
@@ -41,7 +42,7 @@ def _numbers(what: str, given: object) -> Numbers:
         numbers = np.asarray("")
     if numbers.dtype.kind not in "iuf" or not (np.abs(numbers) <= NUMBER_MAX).all():
         raise InputError(
-            f"{what} is {given!r}; it must be a finite number, or a list of finite numbers."
+            f"{what} is {shown(given)}; it must be a finite number, or a list of finite numbers."
         )
     if not 1 <= numbers.size <= NUMBERS_MAX:
         raise InputError(

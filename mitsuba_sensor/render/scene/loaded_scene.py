@@ -1,4 +1,4 @@
-"""A scene that Mitsuba has loaded already: its sensor described again, from its parameters."""
+"""A scene that Mitsuba has loaded already: its sensor is described again from its parameters."""
 
 from __future__ import annotations
 
@@ -26,50 +26,37 @@ KINDS = {
     "LanczosSincFilter": "lanczos",
     "SpecFilm": "specfilm",
 }
-"""Classes of sensors, filters and films, and their types."""
+"""Classes of sensors, filters and films → their types."""
 IMAGING = ("perspective", "thinlens", "orthographic", "camera")
 NO_RADIANCE = ("DepthIntegrator", "ParticleTracerIntegrator")
 POLARISERS = ("LinearPolarizer", "CircularPolarizer", "LinearRetarder", "MeasuredPolarized")
 """Classes of materials that act on polarised light."""
 OPTIONS = (
-    "parameters",
-    "sensor",
-    "integrator",
-    "motion",
-    "ignore_polarization",
-    "traverse",
-    "look_at",
-    "repeatable",
-    "infrared",
+    *("parameters", "sensor", "integrator", "motion", "ignore_polarization"),
+    *("traverse", "look_at", "repeatable", "infrared"),
 )
-"""Options which change a scene before it is loaded."""
+"""Options that change a scene before it is loaded."""
 CROP = ("crop_width", "crop_height", "crop_offset_x", "crop_offset_y")
-LOADED = (
-    "pictures and colours of a loaded scene are not looked at for what is black in the bands"
-)
+LOADED = "pictures and colours of a loaded scene are not checked for spectra that are black in the bands"
 LOADED_REMEDY = "pass the scene as a path, as XML text or as a dict"
 
 
 class LoadedView(NamedTuple):
-    """A loaded scene and what one picture of it is made with.
-
-    integrator : or None for path.
-    """
+    """A loaded scene, its sensor and its integrator (None for path)."""
 
     scene: MitsubaObject
     sensor: MitsubaObject
     integrator: MitsubaObject
 
     def digest(self) -> str:
-        """Of everything that its parts print and contain, whatever their order: that of the shapes is left to
-        chance."""
+        """Return a digest of all objects, independent of the order of the shapes, which Mitsuba leaves to chance."""
         parts = [*self.scene.shapes(), *self.scene.emitters(), self.sensor]
         return json.dumps(sorted([digest_of(part) for part in parts] + [str(self.integrator)]))
 
 
 def view_of_loaded(scene: Any, options: Mapping[str, Any]) -> LoadedView | None:
-    """What is to be rendered of a mi.Scene, by its first sensor that is not on a shape; None for what is no mi.Scene.
-    Raises InputError for a scene of another variant, or with options that it comes too late for."""
+    """Return the view of a mi.Scene through its first sensor that is not on a shape; None for any other object. Raises
+    InputError for a scene of another variant, or for options that must be applied before loading."""
     if isinstance(scene, LoadedView):
         view = scene
     elif hasattr(scene, "sensors") and hasattr(scene, "variant_name"):
@@ -83,16 +70,16 @@ def view_of_loaded(scene: Any, options: Mapping[str, Any]) -> LoadedView | None:
         view = LoadedView(scene, sensors[0], inner)
     else:
         return None
-    own, wanted = view.scene.variant_name(), options.get("variant") or mitsuba().variant()
-    if "_spectral" not in own:
+    variant, wanted = view.scene.variant_name(), options.get("variant") or mitsuba().variant()
+    if "_spectral" not in variant:
         raise InputError(
-            f"the scene was loaded in variant {own!r}, which keeps no spectra; call mitsuba.set_variant"
+            f"the scene was loaded in variant {variant!r}, which keeps no spectra; call mitsuba.set_variant"
             "('scalar_spectral') before you load it, or pass its path, XML text or dict."
         )
-    if own != wanted:
-        way_out = f"load it again, or pass variant={own!r}"
+    if variant != wanted:
         raise InputError(
-            f"the scene was loaded in variant {own!r}, and {wanted!r} is to render it; {way_out}."
+            f"the scene was loaded in variant {variant!r}, and {wanted!r} is to render it; load it again, or pass "
+            f"variant={variant!r}."
         )
     for name in OPTIONS:
         if options.get(name):
@@ -103,76 +90,77 @@ def view_of_loaded(scene: Any, options: Mapping[str, Any]) -> LoadedView | None:
 
 
 def tree_of(view: LoadedView) -> dict[str, Any]:
-    """A dict with the sensor of a loaded scene. Raises InputError where no picture can be made of the scene."""
-    integrator, own = view.integrator, view.scene.variant_name()
-    if integrator is not None:
-        why = ""
-        if integrator.aov_names():
-            why = "adds channels that the sensor cannot use"
-        elif integrator.class_name() in NO_RADIANCE:
-            why = "does not compute radiance"
-        if why:
-            raise InputError(
-                f"the integrator of the scene, {integrator.class_name()}, {why}; load the scene with another, e.g. "
-                "'path'."
-            )
+    """Return a dict with the sensor of a loaded scene. Raises InputError for a scene that cannot be rendered."""
+    integrator, variant, why = view.integrator, view.scene.variant_name(), ""
+    if integrator is not None and integrator.aov_names():
+        why = "adds channels that the sensor cannot use"
+    elif integrator is not None and integrator.class_name() in NO_RADIANCE:
+        why = "does not compute radiance"
+    if why:
+        raise InputError(
+            f"the integrator of the scene, {integrator.class_name()}, {why}; load the scene with another integrator, "
+            "e.g. 'path'."
+        )
     for number, shape in enumerate(view.scene.shapes()):
         if not is_polarized() and any(name in str(shape.bsdf()) for name in POLARISERS):
             raise InputError(
-                f"shape {shape.id() or number!r} of the scene polarises light, which {own!r} does not follow; load it "
-                f"in {own + POLARIZED!r}, or {LOADED_REMEDY} and ignore_polarization=True for unpolarised light."
+                f"shape {shape.id() or number!r} of the scene polarises light, which {variant!r} does not follow; load "
+                f"it in {variant + POLARIZED!r}, or {LOADED_REMEDY} and ignore_polarization=True for unpolarised light."
             )
     return {"type": "scene", "sensor": _described(view.sensor)}
 
 
 def why_no_image(kind: str) -> str:
-    """Return why a sensor of this type cannot be rendered, and what to do: the end of a sentence."""
+    """Return why a sensor of this type cannot be rendered, and what to do, as the end of a sentence."""
     if kind.lower().startswith("batch"):
         return (
-            f"a {kind!r} puts several sensors on one film; move its sensors into the scene, and `--sensor all` takes a "
+            f"a {kind!r} puts several sensors on one film; move its sensors into the scene, so sensor='all' takes a "
             "frame of each"
         )
     return f"a sensor of type {kind!r} takes no image; it must be one of {', '.join(IMAGING)}"
 
 
 def _described(sensor: MitsubaObject) -> dict[str, Any]:
-    """The parameters of a sensor and its film, from which they are built again."""
+    """Return the parameters that rebuild a sensor and its film."""
     mi, film = mitsuba(), sensor.film()
     kind = KINDS.get(sensor.class_name(), sensor.class_name())
     if kind not in IMAGING:
         raise InputError(f"scene 'mi.Scene': {why_no_image(kind)}.")
     if sensor.get_medium() is not None:
         raise InputError(f"the sensor of the scene is inside a medium; {LOADED_REMEDY}.")
-    found = mi.traverse(sensor)
-    pose = mi.ScalarTransform4f(np.array(found["to_world"].matrix, dtype=float).reshape(4, 4))
+    values = mi.traverse(sensor)
+
+    def number(name: str) -> float:
+        return float(np.ravel(values[name])[0])
+
+    pose = mi.ScalarTransform4f(np.array(values["to_world"].matrix, dtype=float).reshape(4, 4))
     names = ("near_clip", "far_clip", "principal_point_offset_x", "principal_point_offset_y")
     view: dict[str, Any] = {"to_world": pose}
-    view |= {name: float(np.ravel(found[name])[0]) for name in names if name in found}
+    view |= {name: number(name) for name in names if name in values}
     pairs = film.size(), film.crop_size(), film.crop_offset()
     size, crop, offset = (tuple(int(n) for n in pair) for pair in pairs)
-    own: dict[str, Any] = dict(zip(("width", "height"), size, strict=True))
+    tree: dict[str, Any] = dict(zip(("width", "height"), size, strict=True))
     if crop != size:
-        own |= dict(zip(CROP, crop + offset, strict=True))
+        tree |= dict(zip(CROP, crop + offset, strict=True))
     parameters = parameters_of(film)
     if parameters is None:
         rfilter = {"type": KINDS.get(film.rfilter().class_name(), "gaussian")}
         film_kind = KINDS.get(film.class_name(), "hdrfilm")
-        own |= {"type": film_kind, "component_format": "float32", "rfilter": rfilter}
+        tree |= {"type": film_kind, "component_format": "float32", "rfilter": rfilter}
     else:
         kept = {key: parameters.film[key] for key in parameters.film if key not in CROP}
-        own = {"type": FILM, **kept, **own}
+        tree = {"type": FILM, **kept, **tree}
         if parameters.sensor is not None:
-            return {"type": SENSOR, **parameters.sensor, **view, "film": own}
+            return {"type": SENSOR, **parameters.sensor, **view, "film": tree}
     if kind == "thinlens":
-        for name in ("focus_distance", "aperture_radius"):
-            view[name] = float(np.ravel(found[name])[0])
-    if "x_fov" in found:
-        view |= {"fov": float(np.ravel(found["x_fov"])[0]), "fov_axis": "x"}
-    return {"type": kind, **view, "film": own}
+        view |= {name: number(name) for name in ("focus_distance", "aperture_radius")}
+    if "x_fov" in values:
+        view |= {"fov": number("x_fov"), "fov_axis": "x"}
+    return {"type": kind, **view, "film": tree}
 
 
 def digest_of(thing: MitsubaObject) -> str:
-    """SHA-256 of what an object of Mitsuba prints, and of its parameters."""
+    """Return the SHA-256 of the description and the parameters of a Mitsuba object."""
     digest = hashlib.sha256(str(thing).encode())
     if isinstance(thing, mitsuba().Bitmap):
         digest.update(np.ascontiguousarray(np.array(thing)).tobytes())

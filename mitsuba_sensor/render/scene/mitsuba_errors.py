@@ -1,4 +1,4 @@
-"""Mitsuba's errors about a scene in one sentence, with file and line; which plugins there are, and whose."""
+"""Mitsuba's errors about a scene in one sentence with file and line, and the plugins that may be loaded."""
 
 from __future__ import annotations
 
@@ -12,13 +12,10 @@ from ...core import InputError, nearest
 from ..variants import MitsubaObject, mitsuba
 
 OWN_PLUGINS = ("camera", "photosensor", "raw_frame")
-SHARED = (
-    "__init__",
-    "common",
-)  # modules of the folder of gradient integrators that are no integrators
+SHARED = ("__init__", "common")  # modules among the gradient integrators without an integrator
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 MESSAGE_LENGTH_MAX = 1000
-"""Characters of a message of Mitsuba, which repeats the values of a scene."""
+"""Longest message of Mitsuba [characters]; messages repeat values of the scene."""
 
 
 @contextlib.contextmanager
@@ -37,22 +34,22 @@ def searching(resolver: MitsubaObject) -> Iterator[None]:
 def mitsuba_errors(
     file: Path, text: str = "", values: Mapping[str, str] | None = None, place: str = ""
 ) -> Iterator[None]:
-    """Turn Mitsuba's RuntimeError about a scene into an InputError with its message, which has file and line.
+    """Turn Mitsuba's RuntimeError about a scene into an InputError with its message, which names file and line.
 
-    text, values : of the scene and its parameters.  place : in the file, where Mitsuba does not know it.
+    text : of the scene.  values : of its parameters.  place : in the file, if Mitsuba does not know it.
     """
     try:
         yield
     except RuntimeError as error:
         message = plain_message(error).replace(str(file.resolve()), str(file))
         scene = "" if str(file) in message else f"scene {str(file)!r}: "
-        said = f"{scene}{place}{message}{_remedy(message, values or {})}"
+        sentence = f"{scene}{place}{message}{_remedy(message, values or {})}"
         if old := old_version(text):
-            said += (
-                f" The scene has the format of Mitsuba {old}, which Mitsuba's own upgrade reads in part; write the "
+            sentence += (
+                f" The scene has the format of Mitsuba {old}, which Mitsuba's upgrade reads only in part; write the "
                 "rest in the terms of version 3."
             )
-        raise InputError(said) from error
+        raise InputError(sentence) from error
 
 
 def plain_message(error: BaseException) -> str:
@@ -63,7 +60,7 @@ def plain_message(error: BaseException) -> str:
 
 
 def _remedy(message: str, values: Mapping[str, str]) -> str:
-    """The way out, where more is known than Mitsuba says, from the full stop or semicolon on."""
+    """Return a remedy that Mitsuba does not give, from the full stop or semicolon."""
     if "No document element found" in message:
         return "; give the path of a Mitsuba 3 scene, or light to `mitsuba-sensor expose`."
     unreadable = re.search(r'[Cc]ould not parse .* value "(.*)"', message)
@@ -77,37 +74,37 @@ def _remedy(message: str, values: Mapping[str, str]) -> str:
 
 
 def remedy_for(kind: str) -> str:
-    """Return what to write instead of a type that no plugin of this variant has, from the full stop or semicolon on."""
+    """Return what to write instead of an unknown plugin type, from the full stop or semicolon."""
     if kind in gradient_integrators():
-        return "; it computes gradients and needs an llvm or cuda variant: `--integrator path` renders without them."
+        return "; it computes gradients and needs an llvm or cuda variant; integrator='path' renders without them."
     native = (file.stem for file in (_own_folder() / "plugins").iterdir())
     return f".{nearest(kind, sorted({*OWN_PLUGINS, *native, *gradient_integrators()}))}"
 
 
 def gradient_integrators() -> list[str]:
-    """Return the integrators that compute gradients, each a module of Mitsuba's in Python. Scalar variants do not
-    register them."""
+    """Return Mitsuba's integrators that compute gradients, which are Python modules. Scalar variants do not register
+    them."""
     folder = _own_folder() / "python" / "ad" / "integrators"
     return sorted(file.stem for file in folder.glob("*.py") if file.stem not in SHARED)
 
 
 def refuse_foreign_plugins(name: str, state: MitsubaObject, resolver: MitsubaObject) -> None:
-    """Raise InputError for a type that cannot be a name, and for one whose code is not Mitsuba's own.
+    """Raise InputError for a type that cannot be a name, and for a plugin outside of Mitsuba's folder.
 
-    Types that Python has registered have no file.  name : of the scene.  state : parsed, of which nothing is built.
-    resolver : looks into Mitsuba's folder first.
+    Types that Python has registered have no file.  name : of the scene.  state : parsed, before anything is built.
+    resolver : searches Mitsuba's folder first.
     """
     own = _own_folder().resolve() / "plugins"
     for kind in sorted({node.props.plugin_name() for node in state.nodes}):
         if not re.fullmatch(r"[\w-]{0,64}", kind):
             raise InputError(
-                f"scene {name!r} has an element of type {kind[:80]!r}, which is no name of a plugin."
+                f"scene {name!r} has an element of type {kind[:80]!r}, which is not a plugin name."
             )
         code = Path(str(resolver.resolve(f"plugins/{kind}{SUFFIX}")))
         if code.exists() and code.resolve().parent != own:
-            way_out = "move it away, or render with plain Mitsuba what you trust"
             raise InputError(
-                f"scene {name!r} has type {kind!r}, and {code} is native code that would be run; {way_out}."
+                f"scene {name!r} has type {kind!r}, and {code} is native code that would be run; move it away, or "
+                "render trusted code with plain Mitsuba."
             )
 
 
@@ -117,5 +114,5 @@ def _own_folder() -> Path:
 
 def old_version(text: str) -> str:
     """Return the format of a scene file, if it is older than version 3; else an empty string."""
-    found = re.search(r"""<scene\s[^>]*?version\s*=\s*["']([012]\.[\d.]+)["']""", text)
-    return found[1] if found else ""
+    match = re.search(r"""<scene\s[^>]*?version\s*=\s*["']([012]\.[\d.]+)["']""", text)
+    return match[1] if match else ""

@@ -121,7 +121,8 @@ class KeyPose(FileTable):
             return matrix
         if self.origin_m is None:
             return None
-        origin, target, up = map(np.array, (self.origin_m, self.target_m, self.up))
+        vectors = self.origin_m, self.target_m, self.up
+        origin, target, up = (np.array(vector) for vector in vectors)
         forward = target - origin
         left = np.cross(up, forward)
         axes = left, np.cross(forward, left), forward

@@ -1,8 +1,8 @@
-"""Parses a scene without building it: a path, XML text, a dict as for mi.load_dict, or a scene that is loaded already.
+"""Parses a scene without building it: a path, XML text, a dict as for mi.load_dict, or a loaded scene.
 
-All four become one :class:`ParsedScene`, in whose state scene.py replaces film and sensor before it is built. Of a
-loaded scene the state has its sensor alone, described again from its parameters; the scene itself is rendered as it is,
-through another sensor.
+All four become a :class:`ParsedScene`; load/scene.py replaces film and sensor in its state before the scene is built.
+The state of a loaded scene contains only its sensor, described again from its parameters; the scene itself is rendered
+as given, through another sensor.
 """
 
 from __future__ import annotations
@@ -45,15 +45,14 @@ from .parsed_scene import ParsedScene
 from .scene_edits import BLOCK_SIDE, SceneEdits
 
 SceneInput: TypeAlias = str | os.PathLike[str] | Mapping[str, Any] | MitsubaObject
-"""A path, XML text, a dict as for mi.load_dict, a mi.Scene."""
+"""A path, XML text, a dict as for mi.load_dict, or a mi.Scene."""
 
 KEPT_BY_INTEGRATORS = ("max_depth", "rr_depth", "hide_emitters")
-"""Parameters that mean the same in each integrator that may be asked for; direct has no depth."""
+"""Parameters with the same meaning in each integrator that can be requested; direct has no depth."""
 
 
 def parse(scene: SceneInput, options: Mapping[str, Any]) -> ParsedScene:
-    """Parse a scene, and set the variant. options : those of :class:`render.options.SceneOptions`, or some of them.
-    Raises InputError."""
+    """Parse a scene, and set the variant.  options : from :class:`render.options.SceneOptions`. Raises InputError."""
     chosen = complete(RenderOptions, part_of(RenderOptions, options))
     parameters = chosen["parameters"]
     if parameters is not None and not isinstance(parameters, Mapping):
@@ -71,11 +70,13 @@ def parse(scene: SceneInput, options: Mapping[str, Any]) -> ParsedScene:
         values = {str(name): str(value) for name, value in (parameters or {}).items()}
         parsed = _of_xml(scene, values, variant)
     else:
-        kinds = "a path, a name from `mitsuba-sensor scenes list`, XML text, a dict as for mi.load_dict, or a mi.Scene"
         given = " ".join(repr(scene).split())
         if shape := getattr(scene, "shape", None):
-            given = f"an array of shape {tuple(shape)}, of which light_from_rgb or collect makes light"
-        raise InputError(f"scene is {given}; pass {kinds}, e.g. 'cornell_box'.")
+            given = f"an array of shape {tuple(shape)}, which light_from_rgb or collect turns into light"
+        raise InputError(
+            f"scene is {given}; pass a path, a name from `mitsuba-sensor scenes list`, XML text, a dict as for "
+            "mi.load_dict, or a mi.Scene, e.g. 'cornell_box'."
+        )
     ignored = bool(chosen["ignore_polarization"])
     parsed = replace(parsed, ignore_polarization=ignored, edits=SceneEdits.of(chosen))
     if chosen["integrator"] is not None:
@@ -84,7 +85,7 @@ def parse(scene: SceneInput, options: Mapping[str, Any]) -> ParsedScene:
 
 
 def parse_sensors(scene: SceneInput, options: Mapping[str, Any]) -> dict[str, ParsedScene]:
-    """Parse a scene once; it is returned for each of its sensors, by name. Raises InputError."""
+    """Parse a scene once, and return it for each of its sensors by name. Raises InputError."""
     whole = parse(scene, {**options, "sensor": None})
     return {name: whole.with_sensor(name) for name in whole.sensors()}
 
@@ -92,7 +93,7 @@ def parse_sensors(scene: SceneInput, options: Mapping[str, Any]) -> dict[str, Pa
 def _of_xml(
     given: str | os.PathLike[str], values: dict[str, str], variant: Variant
 ) -> ParsedScene:
-    """A scene file, one that ships with the package by its name, or the text of one."""
+    """Parse a scene file, an included scene by its name, or XML text."""
     mi, config = mitsuba(), parser_config()
     is_text = isinstance(given, str) and given.lstrip("\ufeff \t\r\n").startswith("<")
     if is_text:
@@ -104,8 +105,8 @@ def _of_xml(
         text = path.read_text(encoding="utf-8", errors="replace")
     names = _parameter_names(text)
     unknown = [name for name in values if name not in names]
-    if unknown and "<include" not in text:  # names in included files are left to Mitsuba
-        has = f"it has {', '.join(names)}" if names else "it has none"
+    if unknown and "<include" not in text:  # Mitsuba checks names in included files
+        has = f"it has {', '.join(names)}" if names else "it has no parameters"
         raise InputError(
             f"scene {str(path)!r} has no parameter {unknown[0]!r}; {has}.{nearest(unknown[0], names)}"
         )
@@ -113,7 +114,7 @@ def _of_xml(
     beside.prepend(str(path.resolve().parent))
     require_bounded(text, path, values, lambda name: str(beside.resolve(name)))
     used = dict(values)
-    if "$exposure_s" not in text:  # no element need use it, which Mitsuba refuses
+    if "$exposure_s" not in text:  # Mitsuba rejects parameters that no element uses
         used.pop("exposure_s", None)
     with searching(beside), mitsuba_errors(path, text, values):
         if is_text:
@@ -129,9 +130,12 @@ def _of_xml(
         raise InputError(
             f'{str(path)!r} holds no scene; its outermost element must be <scene version="3.0.0">.'
         )
-    usual = re.search(r'<default\s+name="exposure_s"\s+value="([^"]*)"', text)
+    default = re.search(r'<default\s+name="exposure_s"\s+value="([^"]*)"', text)
     old = old_version(text)
-    of_old = f"the scene has the format of Mitsuba {old}, which Mitsuba's own upgrade has read"
+    upgraded = (
+        f"the scene has the format of Mitsuba {old}, which Mitsuba's own upgrade has read"
+    )
+    changes = ("line 1", upgraded, "compare the picture with one of that version")
     return ParsedScene(
         path,
         variant,
@@ -140,10 +144,8 @@ def _of_xml(
         resolver,
         values,
         tuple(names),
-        exposure_s=values.get("exposure_s", usual[1]) if usual else None,
-        changes=(("line 1", of_old, "compare the picture with one of that version"),)
-        if old
-        else (),
+        exposure_s=values.get("exposure_s", default[1]) if default else None,
+        changes=(changes,) if old else (),
         text=text,
         content=text.encode() if is_text else b"",
     )
@@ -152,7 +154,7 @@ def _of_xml(
 def _of_dict(
     given: Mapping[str, Any], options: Mapping[str, Any], variant: Variant
 ) -> ParsedScene:
-    """A dict as for mi.load_dict."""
+    """Parse a dict as for mi.load_dict."""
     if given.get("type") != "scene":
         raise InputError(
             f"the dict has type {given.get('type')!r}; pass one of a whole scene, with 'type': 'scene'."
@@ -164,22 +166,22 @@ def _of_dict(
     for place, value in _leaves(given):
         if options["integrator"] and isinstance(value, mitsuba().Integrator):
             raise InputError(
-                f"integrator is given and {place!r} of the dict is one already; remove one of them."
+                f"integrator is given and {place!r} of the dict is an integrator; remove one of them."
             )
-        own, now = str(getattr(value, "variant_name", str)()), variant.name
-        if own not in ("", now):  # a picture has none
-            way_out = f"call mitsuba.set_variant({now!r}) before you make it"
-            if "_spectral" in own:
-                way_out += f", or pass variant={own!r}"
+        made_in = str(getattr(value, "variant_name", str)())
+        if made_in not in ("", variant.name):  # a picture has no variant
+            remedy = f"call mitsuba.set_variant({variant.name!r}) before you make it"
+            if "_spectral" in made_in:
+                remedy += f", or pass variant={made_in!r}"
             raise InputError(
-                f"{place!r} of the dict was made in variant {own!r}, and {now!r} renders; {way_out}."
+                f"{place!r} of the dict was made in variant {made_in!r}, and {variant.name!r} renders; {remedy}."
             )
     content = json.dumps([(place, _described(value)) for place, value in _leaves(given)])
     return _of_tree(Path("dict"), given, content, variant)
 
 
 def _of_loaded(view: LoadedView, variant: Variant) -> ParsedScene:
-    """The sensor of a loaded scene; its shapes and emitters are rendered as they are."""
+    """Parse the sensor of a loaded scene; its shapes and emitters are rendered as given."""
     parsed = _of_tree(Path("mi.Scene"), tree_of(view), view.digest(), variant)
     return replace(parsed, loaded=view, changes=(("mi.Scene", LOADED, LOADED_REMEDY),))
 
@@ -190,11 +192,10 @@ def _of_tree(
     mi, config = mitsuba(), parser_config()
     resolver = type(mi.file_resolver())(mi.file_resolver())
     plain, fields = dict(tree), dict[str, dict[str, Any]]()
-    for name, sensor in tree.items():  # no name in a dict of Mitsuba has a dot: adc.bits
+    for name, sensor in tree.items():  # Mitsuba allows no dot in a name, as in adc.bits
         if isinstance(sensor, Mapping) and isinstance(film := sensor.get("film"), Mapping):
             fields[name] = {key: value for key, value in film.items() if "." in key}
-            others = {key: value for key, value in film.items() if "." not in key}
-            plain[name] = {**sensor, "film": others}
+            plain[name] = {**sensor, "film": {k: x for k, x in film.items() if "." not in k}}
     with mitsuba_errors(path):
         state = mi.parser.parse_dict(config, plain)
         refuse_foreign_plugins(str(path), state, resolver)  # before any plugin is built
@@ -209,8 +210,8 @@ def _of_tree(
 
 
 def _know_types(state: MitsubaObject) -> None:
-    """Give elements that Python has registered their types: in XML they are known by the tag. Raises RuntimeError for a
-    type that no plugin has."""
+    """Set the types of elements that Python has registered, which the tag determines in XML. Raises RuntimeError for an
+    unknown plugin."""
     mi = mitsuba()
     of_sensor, of_film, of_frame = OWN_PLUGINS
     kinds = dict.fromkeys([*gradient_integrators(), of_frame], mi.ObjectType.Integrator)
@@ -223,13 +224,13 @@ def _know_types(state: MitsubaObject) -> None:
         try:
             if kind not in kinds:
                 mi.load_dict({"type": kind})
-        except RuntimeError as error:  # else it lacks parameters here
+        except RuntimeError as error:  # other errors are about missing parameters
             if f'Plugin "{kind}" not found' in str(error):
                 raise
 
 
 def _leaves(tree: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any]]:
-    """(dotted name, value) of everything that is no dict itself."""
+    """Yield (dotted name, value) of every value that is not a dict."""
     for name, value in tree.items():
         if isinstance(value, Mapping):
             yield from _leaves(value, f"{place}{name}.")
@@ -238,7 +239,7 @@ def _leaves(tree: Mapping[str, Any], place: str = "") -> Iterator[tuple[str, Any
 
 
 def _described(value: Any) -> str:
-    """What stands for a value of a dict in the digest of the scene."""
+    """Return the representation of a dict's value in the digest of the scene."""
     if hasattr(value, "variant_name"):
         return digest_of(value)
     is_array = isinstance(value, np.ndarray) or hasattr(value, "__array__")
@@ -246,14 +247,14 @@ def _described(value: Any) -> str:
 
 
 def _with_integrator(scene: ParsedScene, kind: str) -> ParsedScene:
-    """The scene with an integrator of this kind, which keeps the depth, in place of its own."""
-    found = scene.children(scene.root, "Integrator")
-    for name, _ in found[1:]:
+    """Return the scene with its integrator replaced by one of this kind, at the same depth."""
+    integrators = scene.children(scene.root, "Integrator")
+    for name, _ in integrators[1:]:
         del scene.root[name]
-    if not found:
+    if not integrators:
         scene.root["integrator"] = mitsuba().load_dict({"type": kind, "block_size": BLOCK_SIDE})
         return scene
-    node = found[0][1]
+    node = integrators[0][1]
     old, kept = node.props.plugin_name(), KEPT_BY_INTEGRATORS[2 * (kind == "direct") :]
     for name in [name for name in node.props if name not in kept]:
         del node.props[name]
@@ -264,13 +265,13 @@ def _with_integrator(scene: ParsedScene, kind: str) -> ParsedScene:
 
 
 def _parameter_names(text: str) -> list[str]:
-    """Names that a scene's text has for values, in alphabetical order."""
+    """Return the parameter names in the text of a scene, in alphabetical order."""
     defaults = re.findall(r'<default\s+name="(\w+)"', text)
     return sorted({*defaults, *re.findall(r"\$\{?(\w+)", text)})
 
 
 def pose_in_file_m(scene: ParsedScene, unit_m: float) -> Float64Array:
-    """4 × 4 from the sensor to the world, as its file has it, without scale and mirroring; lengths in metres.
+    """Return the pose of the sensor in its file [m], shape (4, 4), without scale and mirroring.
 
     unit_m : metres per scene unit.
     """
@@ -286,7 +287,7 @@ def refuse_one_place(
     look_at: object,
     motion: str | os.PathLike[str] | Mapping[str, Any] | Motion | None,
 ) -> None:
-    """Raise InputError for poses in the world that would put all sensors of a scene into one place.
+    """Raise InputError for poses in the world that would put all sensors of a scene in one place.
 
     names : of the sensors.  look_at, motion : options of the render.
     """
@@ -300,6 +301,6 @@ def refuse_one_place(
     ):
         if given:
             raise InputError(
-                f"{what} has a pose of the camera in the world, where all {len(names)} sensors would be in one "
+                f"{what} has a pose of the camera in the world, which would put all {len(names)} sensors in one "
                 f"place; {remedy}, or take one sensor ({', '.join(names)})."
             )

@@ -1,4 +1,4 @@
-"""A scene that is parsed and not built: Mitsuba's parser state, and what it says of camera, exposure and seeds."""
+"""A parsed scene before it is built: Mitsuba's parser state, and its settings of camera, exposure and seeds."""
 
 from __future__ import annotations
 
@@ -47,17 +47,17 @@ EXAMPLE_SENSOR = (
     '<sensor type="perspective"><float name="fov" value="40"/><transform name="to_world">'
     '<lookat origin="0, 1, 4" target="0, 1, 0" up="0, 1, 0"/></transform></sensor>'
 )
-PIXELS_MAX = 2**28  # of one picture; its bands alone take 64 GB
+PIXELS_MAX = 2**28  # of one image; its bands alone need 64 GB
 WIDTH, HEIGHT = 768, 576  # default of Mitsuba's films
 TEXT_FILE = "<string>"
-"""What Mitsuba calls a file that is given as text."""
+"""Mitsuba's name for a file that is given as text."""
 POLARISING = ("circular", "polarizer", "retarder", "measured_polarized")
 SENSOR_SEED = -4
-"""Of the seeds of sensors: see :func:`hashed_seed`."""
+"""Namespace of the seeds of sensors, see :func:`hashed_seed`."""
 
 
 class ChosenSensor(NamedTuple):
-    """A sensor of a scene.  key : its name in the properties of the scene.  number : its place among the sensors."""
+    """A sensor of a scene.  key : its name in the properties of the scene.  number : its index among the sensors."""
 
     key: str
     name: str
@@ -66,20 +66,20 @@ class ChosenSensor(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ParsedScene:
-    """A scene in Mitsuba's parser state, whose nodes[0] is the scene, and what it says of camera, exposure and seeds.
+    """A scene in Mitsuba's parser state, whose nodes[0] is the scene, with its settings of camera, exposure and seeds.
 
-    path : as it was given, what messages call it.
-    variant : set for it.
-    resolver : finds meshes and textures beside the file and in the folders that its ``<path>`` elements name.
+    path : as given, for messages.
+    variant : the variant that is set for it.
+    resolver : finds meshes and textures beside the file and in the folders of its ``<path>`` elements.
     values : of its ``<default>`` names.  parameters : all of these names.
-    exposure_s : value of the ``<default>`` of that name, which no element need use.
-    changes : (where, what, why) of what was changed in it.
-    text : that was parsed; Mitsuba's state refers to it and does not keep it.
-    content : what stands for it in the digest, where it is no file.
-    loaded : of a scene that Mitsuba has loaded; else None.
-    ignore_polarization : whether elements that polarise light are rendered in unpolarised light.
-    edits : what is changed when it is built.
-    chosen : the sensor that was asked for; None for the first one.
+    exposure_s : value of the ``<default>`` of this name, which no element needs to use.
+    changes : (where, what, why) of each change.
+    text : the parsed text; Mitsuba's state refers to it without keeping it.
+    content : representation in the digest of a scene without a file.
+    loaded : view of a loaded scene; else None.
+    ignore_polarization : True if elements that polarise light are rendered for unpolarised light.
+    edits : changes that are made when it is built.
+    chosen : the requested sensor; None for the first sensor.
     """
 
     path: Path
@@ -101,40 +101,40 @@ class ParsedScene:
 
     @property
     def name(self) -> str:
-        """What messages call the scene."""
+        """Name of the scene in messages."""
         return str(self.path)
 
     @property
     def root(self) -> MitsubaObject:
-        """The properties of the scene itself."""
+        """Properties of the scene element."""
         return self.state.nodes[0].props
 
     def children(self, props: MitsubaObject, *kinds: str) -> list[tuple[str, MitsubaObject]]:
-        """(name, node) of the objects nested in a node; of these types only, where any are named."""
+        """Return (name, node) of the objects nested in a node, restricted to these types if any are given."""
         mi, nodes = mitsuba(), self.state.nodes
         types = [getattr(mi.ObjectType, kind) for kind in kinds]
         nested = mi.Properties.Type.ResolvedReference
         names = (name for name in props if props.type(name) == nested)
-        found = [(name, nodes[props[name].index()]) for name in names]
-        return [(name, node) for name, node in found if not kinds or node.type in types]
+        children = [(name, nodes[props[name].index()]) for name in names]
+        return [(name, node) for name, node in children if not kinds or node.type in types]
 
     def nodes(self, *kinds: str) -> list[MitsubaObject]:
-        """All nodes of these types."""
+        """Return all nodes of these types."""
         types = [getattr(mitsuba().ObjectType, kind) for kind in kinds]
         return [node for node in self.state.nodes if node.type in types]
 
     def where(self, node: MitsubaObject) -> str:
-        """``line 12``, with the name of the file if it is an included one."""
+        """Return ``line 12``, with the name of the file if it is an included file."""
         text: str = mitsuba().parser.file_location(self.state, node)
-        found = re.fullmatch(r"(.*) \(line (\d+), col \d+\)", text)
-        if not found:  # of a dict
+        place = re.fullmatch(r"(.*) \(line (\d+), col \d+\)", text)
+        if not place:  # of a dict
             return text.removeprefix("dictionary ")
-        file = "" if node.file_index == 0 else f"{Path(found[1]).name} "
-        return f"{file}line {found[2]}"
+        file = "" if node.file_index == 0 else f"{Path(place[1]).name} "
+        return f"{file}line {place[2]}"
 
     @property
     def holds_objects(self) -> bool:
-        """Whether it was loaded by Mitsuba or is a dict with objects, which belong to one variant."""
+        """True for a loaded scene or a dict with objects, which belong to one variant."""
         kind = mitsuba().Properties.Type.Object
         nodes = (node.props for node in self.state.nodes)
         return self.loaded is not None or any(
@@ -142,20 +142,20 @@ class ParsedScene:
         )
 
     def sensors(self) -> dict[str, ChosenSensor]:
-        """All sensors by name, in the order of the scene. Raises InputError where there is none."""
+        """Return all sensors by name, in the order of the scene. Raises InputError for a scene without a sensor."""
         self.sensor()
-        found = dict[str, ChosenSensor]()
+        sensors = dict[str, ChosenSensor]()
         for number, (key, node) in enumerate(self.children(self.root, "Sensor")):
             name = sensor_name(str(node.props.id()), number)
-            found[name] = ChosenSensor(key, name, number)
-        return found
+            sensors[name] = ChosenSensor(key, name, number)
+        return sensors
 
     def sensor_taken(self) -> ChosenSensor:
-        """The sensor that was asked for, or the first one."""
+        """Return the requested sensor, or the first sensor."""
         return self.chosen or next(iter(self.sensors().values()))
 
     def sensor(self) -> MitsubaObject:
-        """The node of the sensor that was asked for, else of the first one. Raises InputError where there is none."""
+        """Return the node of the requested sensor, or of the first sensor. Raises InputError without a sensor."""
         for key, sensor in self.children(self.root, "Sensor"):
             if self.chosen is None or self.chosen.key == key:
                 return sensor
@@ -166,12 +166,12 @@ class ParsedScene:
         )
 
     def film(self) -> MitsubaObject:
-        """The node of that sensor's film; None where it has Mitsuba's default."""
+        """Return the node of this sensor's film; None for Mitsuba's default film."""
         return next((node for _, node in self.children(self.sensor().props, "Film")), None)
 
     def film_size(self, camera: Camera | None, width: int | None) -> dict[str, int]:
-        """Width, height and crop of the film, by the names of Mitsuba's parameters; scaled so that the crop window,
-        or the film without one, has ``width`` columns. Raises InputError."""
+        """Return width, height and crop of the film by Mitsuba's parameter names, scaled to ``width`` columns of the
+        crop window or film. Raises InputError."""
         film, size = self.film(), dict[str, int]()
         if film is not None:
             if film.props.plugin_name() == FILM and camera is not None:
@@ -189,8 +189,8 @@ class ParsedScene:
             if not 1 <= width <= columns:
                 what = "crop window" if "crop_width" in whole else "film"
                 raise InputError(
-                    f"width is {width!r}; it must be a whole number from 1 to the {what}'s own {columns}; a larger "
-                    "picture needs a larger film in the scene (-D width=… -D height=… where it has these parameters)."
+                    f"width is {width!r}; it must be a whole number from 1 to the {what}'s own {columns}. A larger "
+                    "picture needs a larger film in the scene (-D width=… -D height=… if it has these parameters)."
                 )
             size = {
                 name: max(round(pixels * width / columns), 0 if "offset" in name else 1)
@@ -203,21 +203,21 @@ class ParsedScene:
         rows, columns = (whole.get(f"crop_{side}", whole[side]) for side in ("height", "width"))
         if columns * rows > PIXELS_MAX:
             raise InputError(
-                f"scene {self.name!r} has a film of {columns} × {rows} pixels; it may have {PIXELS_MAX} at most, a "
-                "crop of it or --width fewer."
+                f"scene {self.name!r} has a film of {columns} × {rows} pixels; at most {PIXELS_MAX} are allowed: crop "
+                "it, or take fewer columns with width=."
             )
         return size
 
     def film_area(
         self, camera: Camera, width: int | None
     ) -> tuple[tuple[int, int], tuple[int, int]]:
-        """(rows, columns) of what is rendered of the film, and (row, column) of its first pixel. Raises InputError."""
+        """Return (rows, columns) of the rendered window, and (row, column) of its first pixel. Raises InputError."""
         size = {"width": WIDTH, "height": HEIGHT, **self.film_size(camera, width)}
         shape = size.get("crop_height", size["height"]), size.get("crop_width", size["width"])
         return shape, (size.get("crop_offset_y", 0), size.get("crop_offset_x", 0))
 
     def with_sensor(self, asked: str | None) -> ParsedScene:
-        """The scene with the sensor that is asked for by id or number, and its settings. Raises InputError."""
+        """Return the scene with the sensor of this id or number, and its settings. Raises InputError."""
         if asked is None:
             return replace(self, settings=_settings_of(self))
         sensors = self.sensors()
@@ -228,21 +228,21 @@ class ParsedScene:
         known = ", ".join(sensors)
         if asked == ALL_SENSORS:
             raise InputError(
-                f"sensor is {asked!r}, which is for frames of a scene (`mitsuba-sensor render`, capture); give one "
-                f"of {known}."
+                f"sensor is {asked!r}, which is only for frames of a scene (`mitsuba-sensor render`, capture); give "
+                f"one of {known}."
             )
         raise InputError(
             f"scene {self.name!r} has no sensor {asked!r}; its sensors are {known}.{nearest(asked, sensors)}"
         )
 
     def with_camera(self) -> ParsedScene:
-        """With the default camera where the scene names none."""
+        """Return the scene with the default camera if the scene names no camera."""
         if self.settings.camera is not None:
             return self
         return replace(self, settings=self.settings.with_default_camera())
 
     def polarised_by(self, camera: Camera) -> str | None:
-        """What of scene and camera polarises light, for a sentence; None where nothing does or it is to be ignored."""
+        """Return the beginning of a sentence on what polarises light; None if nothing does, or if it is ignored."""
         if self.ignore_polarization:
             return None
         if camera.sensor.polarizers is not None:
@@ -255,8 +255,8 @@ class ParsedScene:
         return None
 
     def in_variant_for(self, camera: Camera) -> ParsedScene:
-        """The same in a variant that follows the polarisation of light, which is set from now on, where camera or scene
-        polarise it. Raises InputError where another variant was asked for."""
+        """Return the scene in a polarised variant, which is also set, if camera or scene polarise light. Raises
+        InputError if another variant was requested."""
         what = self.polarised_by(camera)
         if what is None or is_polarized():
             return self
@@ -264,29 +264,29 @@ class ParsedScene:
         if self.variant.reason == "asked for" or self.holds_objects:
             raise InputError(
                 f"{what}, which {self.variant.name} does not follow; load and render the scene in variant "
-                f"{variant.name!r}, or ignore_polarization (--ignore-polarization) for unpolarised light."
+                f"{variant.name!r}, or ignore_polarization=True for unpolarised light."
             )
         use(variant)
         return replace(self, variant=variant, config=parser_config())
 
     def seed(self, given: int | None) -> int:
-        """The seed that was given, else that of the scene, else 1; of the sensors after the first one a seed that
-        follows from it, so that their noise is independent. Raises InputError."""
+        """Return the given seed, else the seed of the scene, else 1; a derived seed for sensors after the first, so
+        their noise is independent. Raises InputError."""
         seed = require_seed("seed", first_given(given, self.settings.seed, 1))
         if self.chosen is None or self.chosen.number == 0:
             return seed
         return hashed_seed(seed, SENSOR_SEED, self.chosen.number)
 
     def serial(self, given: int | None) -> int:
-        """The serial number of the camera, by default 1, of the sensors after the first one counted on; a number in the
-        scene is that of its own sensor. Raises InputError."""
+        """Return the serial number of the camera, by default 1; sensors after the first count up, and a number in the
+        scene applies to its sensor. Raises InputError."""
         if given is None and self.settings.serial is not None:
             return require_seed("serial", self.settings.serial)
         number = 0 if self.chosen is None else self.chosen.number
         return require_seed("serial", first_given(given, 1)) + number
 
     def digest(self) -> str:
-        """SHA-256 over parameters, scene file, its includes and edits; not over meshes and textures."""
+        """Return the SHA-256 of parameters, scene file, includes and edits, without meshes and textures."""
         digest = hashlib.sha256(json.dumps(sorted(self.values.items())).encode() + self.content)
         for file in map(str, self.state.files):
             if file != TEXT_FILE:
@@ -299,13 +299,15 @@ class ParsedScene:
         return digest.hexdigest()
 
     def build(self) -> MitsubaObject:
-        """The scene itself. Raises InputError for whatever is missing or wrong."""
+        """Return the built scene. Raises InputError for missing or wrong elements."""
         mi = mitsuba()
         state = mi.parser.ParserState(self.state)  # a copy, which the transforms change
         for node in state.nodes:
-            for name in node.props:  # what was read here would count as known to the plugin
+            for (
+                name
+            ) in node.props:  # a parameter that was read would count as known to the plugin
                 node.props.mark_queried(name, False)
-                value = node.props[name]  # plugins take the pixels out of what they are given
+                value = node.props[name]  # plugins take the pixels out of bitmaps
                 if isinstance(value, mi.Bitmap):
                     node.props[name] = mi.Bitmap(value)
                 elif node.props.type(name) == mi.Properties.Type.Any:
@@ -320,13 +322,13 @@ class ParsedScene:
 
     @contextlib.contextmanager
     def mitsuba_errors(self, place: str = "") -> Iterator[None]:
-        """Turn Mitsuba's RuntimeError about the scene into an InputError.  place : where Mitsuba does not know it."""
+        """Turn Mitsuba's RuntimeError about the scene into an InputError.  place : if Mitsuba does not know it."""
         with mitsuba_errors(self.path, self.text, self.values, place):
             yield
 
 
 def _settings_of(scene: ParsedScene) -> SceneSettings:
-    """Camera, exposure and seeds of the sensor that is rendered. Raises InputError."""
+    """Return camera, exposure and seeds of the rendered sensor. Raises InputError."""
     sensor, film = scene.sensor(), scene.film()
     of_film, of_sensor = Fields(), Fields()
     node = film or sensor
@@ -350,7 +352,7 @@ def _settings_of(scene: ParsedScene) -> SceneSettings:
 
 
 def _check_names(props: MitsubaObject, known: Collection[str]) -> None:
-    """Raise InputError for a parameter that is not known."""
+    """Raise InputError for an unknown parameter."""
     for name in props:
         if name not in known:
             raise InputError(

@@ -1,7 +1,7 @@
 """The parameters of <film type="photosensor"> and <sensor type="camera">: name, XML, unit, default, meaning.
 
-The only data that a film of Mitsuba can carry is its id: what is built from the two elements has their parameters there
-(:class:`PluginParameters`), and they can be read again.
+A film of Mitsuba can carry no data except its id, so the id of the built film contains the parameters of both elements
+(:class:`PluginParameters`).
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ _, FILM, _ = OWN_PLUGINS
 
 
 class PluginParameters(NamedTuple):
-    """film : of the photosensor.  sensor : of the camera around it; None where there is none."""
+    """Parameters of the photosensor (film) and of the camera around it (sensor); None without a camera."""
 
     film: dict[str, Any]
     sensor: dict[str, Any] | None = None
 
     def id(self) -> str:
-        """As the id of a film."""
+        """Return the parameters as the id of a film."""
         return f"{FILM} {json.dumps(self._asdict())}"
 
 
 def parameters_of(film: MitsubaObject) -> PluginParameters | None:
-    """Those of a film that a photosensor became; None of any other."""
+    """Return the parameters of a film that a photosensor became; None for any other film."""
     kind, _, text = film.id().partition(" ")
     return PluginParameters(**json.loads(text)) if kind == FILM and text else None
 
 
 class PluginParameter(NamedTuple):
-    """One parameter.  element : of the XML file.  example : a good value.  unit : empty for what has none."""
+    """One parameter.  element : of the XML file.  example : a valid value.  unit : empty for a number without unit."""
 
     name: str
     element: str
@@ -44,7 +44,7 @@ class PluginParameter(NamedTuple):
 
     @property
     def xml(self) -> str:
-        """``<float name="f_number" value="2.8"/>``; a transform holds the element that its example is."""
+        """The element, ``<float name="f_number" value="2.8"/>``; a transform contains its example."""
         if self.element == "transform":
             return f'<transform name="{self.name}">{self.example}</transform>'
         return f'<{self.element} name="{self.name}" value="{self.example}"/>'
@@ -143,7 +143,7 @@ FILM_PARAMETERS = (
     *EXPOSURE_PARAMETERS,
     *SIZE_PARAMETERS,
 )
-"""Beside these, every key of a camera file by its dotted name."""
+"""Every key of a camera file is also a parameter, by its dotted name."""
 
 LENS_PARAMETERS = {
     "lens.f_number": P(
@@ -181,7 +181,7 @@ PASSED_ON_PARAMETERS = (
     P("principal_point_offset_x", "float", "0.1", "picture widths", "`0`", "shift of the lens along the rows"),
     P("principal_point_offset_y", "float", "0.1", "picture heights", "`0`", "shift of the lens along the columns"),
 )  # fmt: skip
-"""What the perspective sensor of Mitsuba has too, unchanged."""
+"""Parameters of Mitsuba's perspective sensor, unchanged."""
 
 SENSOR_PARAMETERS = (
     P(

@@ -109,10 +109,10 @@ class SceneEdits:
             if not names:
                 listed = ", in which no element has an id"
             end = f".{key.partition('.')[2]}"  # e.g. of glow.radiance.value, glow in the shape lamp
-            similar = [name for name in names if name.endswith(end)] or names
+            nested = next((f" Did you mean {x!r}?" for x in names if x.endswith(end)), "")
             return (
                 f"which the scene does not have{listed}; a name begins with the id of an element that stands directly "
-                f"in <scene>, e.g. lamp.emitter.radiance.value.{nearest(key, similar)}"
+                f"in <scene>, e.g. lamp.emitter.radiance.value.{nearest(key, names) or nested}"
             )
         if {"film", "sampler"} & set(key.split(".")[1:-1]):
             return "which belongs to film or sampler, and these are replaced; take width, camera or spp."
@@ -146,8 +146,7 @@ def _count(value: MitsubaObject) -> int:
 def _changed(what: str, value: MitsubaObject, numbers: Numbers) -> MitsubaObject:
     """Return the numbers as a parameter of the type of ``value``. Raises InputError."""
     if len(numbers) != (count := _count(value)):
-        takes = "one number" if count == 1 else f"{count} numbers"
-        raise InputError(f"{what} has {len(numbers)} numbers; it takes {takes}.")
+        raise InputError(f"{what} is {list(numbers)}; the number of values must be {count}.")
     if isinstance(value, float):
         return numbers[0]
     if not _is_transform(value):

@@ -32,10 +32,10 @@ from .plugin_parameters import (
 )
 
 SENSOR, FILM, _ = OWN_PLUGINS  # plugin names of the two elements
-FILES = ("camera", "lens.prescription", "quantum_efficiency.file")  # these may be a path
+FILES = ("camera", "lens.prescription", "quantum_efficiency.file")  # these can be paths
 SIZE, EXPOSURE_FIELDS, FILM_FIELDS, SENSOR_FIELDS, PASSED_ON = (
-    tuple(one.name for one in those)
-    for those in (
+    tuple(parameter.name for parameter in parameters)
+    for parameters in (
         SIZE_PARAMETERS,
         EXPOSURE_PARAMETERS,
         FILM_PARAMETERS,
@@ -43,29 +43,21 @@ SIZE, EXPOSURE_FIELDS, FILM_FIELDS, SENSOR_FIELDS, PASSED_ON = (
         PASSED_ON_PARAMETERS,
     )
 )
-LENS_FIELDS = {one.name: field for field, one in LENS_PARAMETERS.items()}
-METRES = {
-    "km": 1e3,
-    "m": 1.0,
-    "dm": 0.1,
-    "cm": 0.01,
-    "mm": 1e-3,
-    "um": 1e-6,
-    "in": 0.0254,
-    "ft": 0.3048,
-}
+LENS_FIELDS = {parameter.name: field for field, parameter in LENS_PARAMETERS.items()}
+METRES = {"km": 1e3, "m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6}
+METRES |= {"in": 0.0254, "ft": 0.3048}
 Fields = dict[str, Any]  # parameter name → value, of one element
 
 
 @dataclass(frozen=True, eq=False)
 class SceneSettings:
-    """Camera, exposure and seeds of a scene file; None, or empty, where the file does not set them.
+    """Camera, exposure and seeds of a scene file; None or empty if the file does not set them.
 
-    camera : the named one, with the fields that the file sets.  fields : those alone, by dotted name.
-    exposure_s : seconds, or "auto".  meter : how it is metered, as text, see :meth:`Metering.of_text`.
-    focal_length_mm, focus_distance_m, unit_m : of <sensor type="camera">; metres per scene unit.
-    size : width, height and crop of the film, in pixels.
-    is_default_camera : whether the file names no camera, and ``camera`` is the one that is taken then.
+    camera : the named camera with the fields that the file sets.  fields : only these fields, by dotted name.
+    exposure_s : seconds, or "auto".  meter : text for the metering, see :meth:`Metering.of_text`.
+    focal_length_mm, focus_distance_m, unit_m : of <sensor type="camera">; unit_m is metres per scene unit.
+    size : width, height and crop of the film [pixels].
+    is_default_camera : True if the file names no camera, so ``camera`` is the default camera.
     """
 
     camera: Camera | None = None
@@ -86,7 +78,7 @@ class SceneSettings:
 
     @property
     def exposure(self) -> Exposure | Metering:
-        """The exposure, metered unless the file sets its time; at 298.15 K unless it sets another temperature."""
+        """The exposure, metered unless the file sets a time, at 298.15 K unless the file sets a temperature."""
         if self.exposure_s is None or isinstance(self.exposure_s, str):
             return self.metering()
         return Exposure(
@@ -94,7 +86,7 @@ class SceneSettings:
         )
 
     def metering(self, temperature_k: float | None = None) -> Metering:
-        """How this file's exposure is metered, or would be, by default at its own temperature. Raises InputError."""
+        """Return the metering of the file, by default at the temperature of the file. Raises InputError."""
         temperature_k = first_given(
             temperature_k, self.temperature_k, Exposure(0.0).temperature_k
         )
@@ -105,12 +97,12 @@ class SceneSettings:
         )
 
     def metres(self, scene_unit: str | float | None) -> float | None:
-        """Metres per scene unit: as asked for, else as the file says; None if neither does."""
+        """Return metres per scene unit as requested, else as in the file; None if unknown."""
         return self.unit_m if scene_unit is None else unit_m(scene_unit)
 
     def applied_to(self, camera: Camera) -> Camera:
-        """The camera of this file, or the default one, with the fields that the file sets; focal length and focus apply
-        to a prescription too. A camera that the user names is taken as it is."""
+        """Return the camera of this file, or the default camera, with the fields that the file sets; focal length and
+        focus also apply to a prescription. A camera that the user names is not changed."""
         changed = with_fields_of(camera, self.fields, SET_BY_SCENE)
         if changed.lens.prescription is None:
             return changed
@@ -126,17 +118,17 @@ class SceneSettings:
         return with_fields_of(changed, given, SET_BY_SCENE)
 
     def with_default_camera(self) -> SceneSettings:
-        """With the camera that is taken where nobody names one, and the fields that this file sets."""
+        """Return the settings with the default camera and the fields that this file sets."""
         camera = self.applied_to(camera_of(DEFAULT_CAMERA))
         return replace(self, camera=camera, is_default_camera=True)
 
     def unused_note(self, camera: Camera) -> list[str]:
-        """The sentence about fields that this file sets and that this named camera has otherwise, or none."""
+        """Return a note on fields of this file that differ in a named camera, if any."""
         return unused_note(self.fields, self.applied_to(camera), camera)
 
 
 def film_fields_of(props: MitsubaObject) -> Fields:
-    """Parameters of a <film type="photosensor">; files are searched beside the scene."""
+    """Return the parameters of a <film type="photosensor">; files are searched beside the scene."""
     fields: Fields = {name: props[name] for name in props if name in FILM_FIELDS or "." in name}
     for name, value in fields.items():
         if not isinstance(value, bool | int | float | str):
@@ -144,34 +136,31 @@ def film_fields_of(props: MitsubaObject) -> Fields:
                 f"{name} of a photosensor must be a <string>, <float>, <integer> or <boolean>."
             )
     for name in set(FILES) & set(fields):
-        found = Path(str(mitsuba().file_resolver().resolve(str(fields[name]))))
-        if os.path.isfile(found) and fields[name] not in list_cameras():
-            fields[name] = str(found)
+        file = Path(str(mitsuba().file_resolver().resolve(str(fields[name]))))
+        if os.path.isfile(file) and fields[name] not in list_cameras():
+            fields[name] = str(file)
     return fields
 
 
 def sensor_fields_of(props: MitsubaObject) -> Fields:
-    """Parameters of the lens of a <sensor type="camera">."""
+    """Return the lens parameters of a <sensor type="camera">."""
     return {name: props[name] for name in props if name in SENSOR_FIELDS}
 
 
 def settings_from(film: Fields, lens: Fields) -> SceneSettings:
-    """The checked settings of the parameters of a film and a sensor. Raises InputError."""
-    own = {
-        name: toml_value(v) if isinstance(v, str) else v
-        for name, v in film.items()
+    """Return the checked settings of a film and a sensor. Raises InputError."""
+    of_camera = {
+        name: toml_value(x) if isinstance(x, str) else x
+        for name, x in film.items()
         if "." in name
     }
     of_lens = lens_fields(lens)
-    for name in sorted(own.keys() & of_lens):
-        raise InputError(
-            f"{name} is set in the film and in the sensor; give it in one of the two."
-        )
+    for name in sorted(of_camera.keys() & of_lens):
+        raise InputError(f"{name} is set in both film and sensor; give it in one of the two.")
     exposure = {name: film[name] for name in EXPOSURE_FIELDS if name in film}
     time_s = exposure.get("exposure_s", "auto")
-    Exposure(
-        0.0 if time_s == "auto" else time_s, exposure.get("temperature_k", 0.0)
-    )  # checked here, with line numbers
+    # Checked here for errors with line numbers.
+    Exposure(0.0 if time_s == "auto" else time_s, exposure.get("temperature_k", 0.0))
     if "meter" in exposure:
         Metering.of_text(exposure["meter"])
         if time_s != "auto":
@@ -190,7 +179,7 @@ def settings_from(film: Fields, lens: Fields) -> SceneSettings:
         if name in lens:
             require(name, lens[name], 1e-6, 1e9, f"e.g. {example}")
     settings = SceneSettings(
-        fields=own | of_lens,
+        fields=of_camera | of_lens,
         focal_length_mm=lens.get("focal_length_mm"),
         focus_distance_m=lens.get("focus_distance_m"),
         unit_m=unit_m(lens["scene_unit"]) if "scene_unit" in lens else None,
@@ -202,13 +191,13 @@ def settings_from(film: Fields, lens: Fields) -> SceneSettings:
         return replace(settings, camera=settings.applied_to(camera))
     if "gain" in film:
         raise InputError(
-            f"gain is {film['gain']!r}, and no camera is named; name the camera whose setting it is."
+            f"gain is {film['gain']!r}, but no camera is named; name the camera with this gain setting."
         )
     return settings
 
 
 def lens_fields(lens: Fields) -> Fields:
-    """Parameters of a <sensor type="camera"> → fields of a camera; a spectral transmission becomes its curve."""
+    """Return parameters of a <sensor type="camera"> as camera fields; a spectral transmission becomes a curve."""
     fields = {LENS_FIELDS[name]: value for name, value in lens.items() if name in LENS_FIELDS}
     transmission = lens.get("transmission")
     if transmission is None:
@@ -230,7 +219,7 @@ def lens_fields(lens: Fields) -> Fields:
 
 
 def seconds_of(text: str) -> float | str:
-    """The number in a <default name="exposure_s">, "auto" as it is; other text is left to the check of an exposure."""
+    """Return the number in a <default name="exposure_s">; other text, e.g. "auto", is returned unchanged."""
     try:
         return float(text)
     except ValueError:
@@ -238,7 +227,7 @@ def seconds_of(text: str) -> float | str:
 
 
 def unit_m(scene_unit: str | float) -> float:
-    """Metres per scene unit, from its name or its length in metres. Raises InputError."""
+    """Return metres per scene unit, from its name or its length in metres. Raises InputError."""
     if isinstance(scene_unit, str) and scene_unit in METRES:
         return METRES[scene_unit]
     try:
@@ -252,15 +241,15 @@ def unit_m(scene_unit: str | float) -> float:
 
 
 def bands_asked_for(
-    options: RenderOptions, settings: SceneSettings, camera: Camera, usual: str
+    options: RenderOptions, settings: SceneSettings, camera: Camera, default: str
 ) -> Bands:
-    """The channels asked for, else those of the scene file, else the ``usual`` ones. Raises InputError."""
+    """Return the requested channels, else the channels of the scene file, else the default. Raises InputError."""
     wavelength_nm = first_given(options["wavelength_nm"], settings.wavelength_nm)
     in_scene = "auto" if options["wavelength_nm"] else settings.spectral
     spectral = first_given(options["spectral"], in_scene, "auto")
-    if spectral == "auto":  # channels have no width, and no electrons in bursts
+    if spectral == "auto":  # channels have no width and no quantum yield
         bands = wavelength_nm is not None or options["bandwidth_nm"] is not None
-        spectral = "auto" if bands or camera.quantum_efficiency.quantum_yield else usual
+        spectral = "auto" if bands or camera.quantum_efficiency.quantum_yield else default
     width_nm = first_given(options["bandwidth_nm"], settings.bandwidth_nm, BANDWIDTH_NM)
     return choose_bands(camera, wavelength_nm, width_nm, spectral)
 
@@ -268,21 +257,19 @@ def bands_asked_for(
 def built_in_sensor(
     settings: SceneSettings, camera: Camera, columns: int
 ) -> tuple[str, dict[str, float | str]]:
-    """The sensor of Mitsuba that replaces a <sensor type="camera">: its type and its parameters.
+    """Return type and parameters of the Mitsuba sensor that replaces a <sensor type="camera">.
 
     A thin lens of focal length f focused at d has its image at s = f·d/(d − f). Without a focus distance s = f, and a
-    pinhole images everything sharply. Field of view 2·atan(columns·pitch/(2·s)), aperture radius f/(2·N).
-    columns : width of the film in pixels.  Raises InputError.
+    pinhole images everything sharply. The field of view is 2·atan(columns·pitch/(2·s)), the aperture radius f/(2·N).
+
+    columns : width of the film [pixels].  Raises InputError.
     """
     if settings.focal_length_mm is None:
         raise InputError(
             'a camera needs its focal length, e.g. <float name="focal_length_mm" value="25"/>.'
         )
-    focal_m, focus_m, unit_m = (
-        settings.focal_length_mm * 1e-3,
-        settings.focus_distance_m,
-        settings.unit_m or 1.0,
-    )
+    focal_m, focus_m = settings.focal_length_mm * 1e-3, settings.focus_distance_m
+    unit_m = settings.unit_m or 1.0
     if focus_m is not None and focus_m <= focal_m:
         far = f"more than the focal length, {focal_m:g} m (the distance of objects in focus, e.g. 2)"
         raise InputError(f"focus_distance_m is {focus_m:g}; it must be {far}.")
@@ -295,8 +282,5 @@ def built_in_sensor(
     if focus_m is None:
         return "perspective", view
     radius_m = focal_m / (2 * camera.lens.f_number)
-    return "thinlens", {
-        **view,
-        "aperture_radius": radius_m / unit_m,
-        "focus_distance": focus_m / unit_m,
-    }
+    view |= {"aperture_radius": radius_m / unit_m, "focus_distance": focus_m / unit_m}
+    return "thinlens", view
