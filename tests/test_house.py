@@ -490,7 +490,7 @@ TOKENS_MAX = {
     "examples": 8792,
     "files": 18701,
     "gradient": 4239,
-    "lab": 68930,
+    "lab": 68955,
     "optics": 17358,
     "output": 24796,
     "pages": 3457,

@@ -210,7 +210,7 @@ def quotient(above: Quantity, below: Quantity, like: Quantity) -> Quantity:
     notes = "; ".join(filter(None, dict.fromkeys(sentences)))
     if any(figure.is_bound or figure.is_lower_bound for figure in (above, below)):
         low = above.low / below.high
-        high = above.high / below.low if below.low > 0 else math.inf
+        high = above.high / below.low if below.low > 0 and not below.is_bound else math.inf
         value = low if math.isinf(high) else math.nan
         if math.isfinite(high) or low > 0:
             return replace(like, value=value, low=low, high=high, note=notes)

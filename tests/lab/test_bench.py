@@ -242,10 +242,10 @@ BROKEN: dict[str, tuple[dict[str, bytes | np.ndarray], str]] = {
         {"dark_a.npy": FRAMES[0], "dark_b.npy": FRAMES[0] * 1.0},
         "type of dark_a.npy",
     ),
-    "numpy": ({"dark_b.npy": b"\x93NUMPY\x01"}, "cannot be read: .*; leave it out"),
-    "tiff": ({"dark_b.tiff": b"II*\0"}, "cannot be read: .*; leave it out"),
-    "png": ({"dark_b.png": b"\x89PNG"}, "cannot be read: .*; leave it out"),
-    "dng": ({"dark_b.dng": b"II*\0"}, "cannot be read: .*; leave it out"),
+    "numpy": ({"dark_b.npy": b"\x93NUMPY\x01"}, "cannot be read: .*; omit it"),
+    "tiff": ({"dark_b.tiff": b"II*\0"}, "cannot be read: .*; omit it"),
+    "png": ({"dark_b.png": b"\x89PNG"}, "cannot be read: .*; omit it"),
+    "dng": ({"dark_b.dng": b"II*\0"}, "cannot be read: .*; omit it"),
 }
 
 
@@ -273,7 +273,7 @@ def test_what_no_name_tells_is_asked_for(tmp_path: Path) -> None:
     Image.new("RGB", (4, 4)).save(tmp_path / "y.png")
     for file, said in (
         ("y.png", "3 values per pixel"),
-        ("z.jpg", "not read; give one of .tif"),
+        ("z.jpg", "has an unknown format; give one of .tif"),
     ):
         with pytest.raises(ms.InputError, match=said):
             read_raw(tmp_path / file)

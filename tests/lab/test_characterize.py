@@ -112,7 +112,7 @@ def test_every_drawing_has_axes_with_names_and_at_most_eight_series(small: Bench
         (["--bits", "12"], "--bits is for frames from disk"),
         (["--camera", "konnik_tabel1"], "Did you mean 'konnik_table1'?"),
         (["--wavelength-nm", "2000"], "detects no light at 2000 nm; give a wavelength from"),
-        (["--wavelength-nm", "-3"], "wavelength_nm is -3"),
+        (["--wavelength-nm", "-3"], "--wavelength-nm is -3"),
         (["--camera", "konnik_table1", "-o", ""], "-o is empty"),
     ],
 )

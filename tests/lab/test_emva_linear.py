@@ -120,6 +120,14 @@ def test_saturation_is_where_the_variance_of_many_levels_is_largest() -> None:
     assert found.value == pytest.approx(end, rel=0.01) and found.covers(end)
 
 
+def test_levels_far_beyond_saturation_do_not_move_its_interval() -> None:
+    camera = SmallCamera(gain=0.25, full_well_e=50_000, black_dn=64)
+    darks, flats = camera.bench(np.random.default_rng(4), 4, (32, 32), 16)
+    assert all(flat.frames.min() == 4095 for flat in flats[5:])
+    few, many = emva_linear(darks, flats[:7])["µ_e.sat"], emva_linear(darks, flats)["µ_e.sat"]
+    assert many.covers(4031 / 0.25) and many.high == pytest.approx(few.high)
+
+
 @pytest.mark.parametrize("stated", [1.0, 1.04, 0.2])
 def test_a_stack_of_many_frames_with_wrong_photons_rules_no_temporal_figure(
     stated: float,

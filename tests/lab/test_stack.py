@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -53,18 +54,19 @@ def test_a_quantity_or_a_bound_reads_as_a_sentence(
     symbol: str, ends: tuple[float, float, float], text: str
 ) -> None:
     quantity = Quantity(symbol, "", *ends, "DN/e-", "R4 6.6")
-    assert str(quantity) == text and (quantity.is_bound, quantity.is_lower_bound) == (
-        "<" in text,
-        "≥" in text,
-    )
+    assert str(quantity) == text
+    assert (quantity.is_bound, quantity.is_lower_bound) == ("<" in text, "≥" in text)
 
 
 def test_a_ratio_of_bounds_is_a_bound_with_decibels() -> None:
     """A full well of at least 1000 e- over a threshold below 10 e-: at least 100, 40 dB."""
     like = Quantity("DR", "", math.nan, math.nan, math.nan, "", "")
-    full = Quantity("µ_e.sat", "", 1000.0, 1000.0, math.inf, "e-", "")
     below = Quantity("µ_e.min", "", math.nan, 0.0, 10.0, "e-", "")
-    assert str(quotient(full, below, like)).startswith("DR ≥ 100 = 40.0 dB")
+    for high in (1010.0, math.inf):
+        full = Quantity("µ_e.sat", "", 1000.0, 1000.0, high, "e-", "")
+        for least in (0.0, 1.0):
+            ratio = quotient(full, replace(below, low=least), like)
+            assert str(ratio).startswith("DR ≥ 100 = 40.0 dB")
     assert quotient(below, below, like).shown == "not measurable"
 
 

@@ -295,10 +295,11 @@ def stated_photons(file: Path) -> float | None:
     photons = _metadata(file).get("photons")
     if not isinstance(photons, dict) or photons.get("detected") is not False:
         return None
-    low, median, high = (photons.get(name) for name in ("min", "median", "max"))
-    if not all(map(is_number, (low, median, high))) or not median:
+    counts = [photons.get(name) for name in ("min", "median", "max")]
+    if not all(map(is_number, counts)) or not counts[1]:
         return None
-    return float(median) if high - low <= PHOTONS_RANGE_MAX * median else math.nan
+    low, median, high = (float(count) for count in counts if count is not None)
+    return median if high - low <= PHOTONS_RANGE_MAX * median else math.nan
 
 
 def mean_photons(counts: Sequence[float | None]) -> float | None:

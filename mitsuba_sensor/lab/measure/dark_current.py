@@ -70,11 +70,11 @@ def dark_current(stacks: Sequence[Stack]) -> DarkCurrentOverTime:
     from_mean = Quantity(
         "µ_I.mean", "dark current from the mean", *line.interval, "DN/s", SECTION, line.note
     )
-    currents = (
+    currents = [
         _note_no_current(current).noted(note)
         for current in (from_mean, _current_from_variance(used))
-    )
-    return DarkCurrentOverTime(*currents, line, times_s, mean, mean_error)
+    ]
+    return DarkCurrentOverTime(currents[0], currents[1], line, times_s, mean, mean_error)
 
 
 def _note_no_current(current: Quantity) -> Quantity:

@@ -118,8 +118,8 @@ class _Points(NamedTuple):
 
     def without_gain(self, why: str, clipped: bool = False) -> PhotonTransfer:
         """Return the curve without K.  clipped : True if clipping is the reason."""
-        gains = (gain.without_value(why, clipped) for gain in (GAIN, INITIAL_GAIN))
-        return PhotonTransfer(*gains, *self[:5])
+        gain, initial_gain = (gain.without_value(why, clipped) for gain in (GAIN, INITIAL_GAIN))
+        return PhotonTransfer(gain, initial_gain, *self[:5])
 
     def fit(self, clipped: str, notes: Sequence[str] = ()) -> PhotonTransfer:
         """Fit K.  clipped : reason why points are left out, or empty."""

@@ -40,10 +40,8 @@ class Peak:
 
     def convert(self, means: Float64Array, values: Float64Array) -> tuple[float, float, float]:
         """Return (value, low, high) in another unit, interpolated between the points; a lower bound if not reached."""
-        order = np.argsort(means, kind="stable")
-        value, low, high = (
-            float(np.interp(mean, means[order], values[order])) for mean in self.mean
-        )
+        points, first = np.unique(means, return_index=True)
+        value, low, high = (float(np.interp(mean, points, values[first])) for mean in self.mean)
         if self.limited_by == "not reached":
             return value, value, math.inf
         return value, min(low, value), max(high, value)
