@@ -494,12 +494,12 @@ TOKENS_MAX = {
     "optics": 17358,
     "output": 24845,
     "pages": 3425,
-    "render": 79059,
+    "render": 79060,
     "reproduction": 10885,
     "sensor": 13828,
     "stages": 31946,
     "study": 9186,
-    "tests": 341233,
+    "tests": 341128,
     "theory": 14642,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
