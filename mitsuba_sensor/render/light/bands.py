@@ -321,7 +321,7 @@ def of_own_filter(
             slice((k - first) % period, None, period)
             for k, first, period in zip(place, origin, tile.shape, strict=True)
         )
-        values[pixels] = per_filter[*pixels, tile[place]]
+        values[pixels] = per_filter[..., tile[place]][pixels]
     return values
 
 
