@@ -494,12 +494,12 @@ TOKENS_MAX = {
     "optics": 17358,
     "output": 24796,
     "pages": 3457,
-    "render": 79060,
+    "render": 79062,
     "reproduction": 10885,
     "sensor": 13828,
     "stages": 31946,
     "study": 9186,
-    "tests": 341473,
+    "tests": 341368,
     "theory": 14642,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
