@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13827,
     "stages": 31946,
     "study": 9256,
-    "tests": 347089,
+    "tests": 347091,
     "theory": 14642,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
