@@ -74,9 +74,9 @@ def units_of_quantum_efficiency() -> None:
     for name, said in (
         (
             "percent",
-            "the largest quantum efficiency is 0.6 percent; if these are fractions, call",
+            "the largest quantum efficiency is 0.6 percent; if these are fractions, rename",
         ),
-        ("um", "goes from 400 to 700 um, .* usual; if it is in nm, call it wavelength_nm"),
+        ("um", "goes from 400 to 700 um; .* usual; if it is in nm, call it wavelength_nm"),
     ):
         with pytest.raises(ms.InputError, match=said):
             table1.replace(**{"quantum_efficiency.file": str(CASES / f"13_qe_{name}.csv")})

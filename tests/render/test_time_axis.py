@@ -159,7 +159,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
         {"fps": 30, "render_noise": "per-frame"},
         "fps is given",
     ),
-    "no number": ({"fps": 30, "auto_exposure": "target x"}, "'x' is no number"),
+    "no number": ({"fps": 30, "auto_exposure": "target x"}, "'x' is not a number"),
     "no name": ({"fps": 30, "auto_exposure": "tarket 1"}, "Did you mean 'target'"),
     "damping": ({"fps": 30, "auto_exposure": "damping 2"}, "damping is 2"),
     "delay": ({"fps": 30, "auto_exposure": "delay 0.5"}, "whole number of frames"),

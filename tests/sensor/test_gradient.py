@@ -230,6 +230,7 @@ WIDE = RICH.replace(
         "source_follower.white_nv_per_rthz": 150.0,
         "source_follower.corner_hz": 1e6,
         "source_follower.rtn_uv": 20.0,
+        "source_follower.noisy_pixel_factor": 2.0,
         "readout.cds_gain": 1.1,
     }
 )
@@ -248,7 +249,6 @@ NO_SLOPE = (
     "pixel.fill_factor",
     "pixel.hit_e",
     "quantum_efficiency.fano_factor",
-    "source_follower.noisy_pixel_factor",
     "source_follower.rtn_pixel_duty",
     "source_follower.rtn_pixel_switching",
 )
