@@ -128,31 +128,16 @@ def test_sensors_are_placed_named_and_listed_as_the_file_says(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("scene", "sentence"),
     [
+        ({"sensors": ["left", "0"]}, r"sensors names 'left' twice"),
+        ({"sensors": "lefft"}, r"no sensor 'lefft'.*Did you mean 'left'"),
         (
-            {"sensors": ["left", "0"]},
-            r"scene 'pair' of the dataset: sensors names 'left' twice",
-        ),
-        (
-            {"sensors": "lefft"},
-            r"no sensor 'lefft'; its sensors are left, right\. Did you mean 'left'",
-        ),
-        ({"sensors": []}, r"sensors is empty; give names or all"),
-        (
-            {
-                "sensors": "all",
-                "motion": {"camera": {"keys": [KEYS[0], KEYS[1]]}},
-            },
+            {"sensors": "all", "motion": {"camera": {"keys": KEYS[:2]}}},
             r"the motion has a pose of the camera in the world, where all 2 sensors",
         ),
         ({"views": [{"up": [0, 1, 0]}]}, r"a pose needs origin_m and target_m"),
-        ({"views": [{}]}, r"must have origin_m and target_m, or time_s, or both"),
         (
             {"path": {"views": 2, "keys": [{"time_s": 0}, KEYS[0]]}},
             r"keys of a path need origin_m and target_m.*or all of them only time_s",
-        ),
-        (
-            {"views": [{"origin_m": [0, 0, 3], "target_m": [0, 0, 0]}] * 2},
-            r"are the same: scenes\.0\.views\.0 and scenes\.0\.views\.1; .* another time_s",
         ),
         ({"views": [{"time_s": 1}, {"time_s": 1}]}, r"are the same: scenes\.0\.views\.0 and"),
         (

@@ -34,7 +34,6 @@ from mitsuba_sensor.dataset import make_dataset
 from mitsuba_sensor.dataset import run as run_module
 from mitsuba_sensor.dataset.engine import Job, outcomes
 from mitsuba_sensor.dataset.options import RunOptions
-from mitsuba_sensor.dataset.plan import DatasetPlan, Place
 from mitsuba_sensor.dataset.run import read_failures, run
 from mitsuba_sensor.dataset.store import Store
 from mitsuba_sensor.files import durable
@@ -226,23 +225,11 @@ def test_a_full_disk_ends_a_run_and_what_is_there_stays(
     assert contents(made()) == contents(made("other"))
 
 
-def test_a_complete_dataset_is_planned_once_and_not_written_again(
-    made: Run, no_renders: pytest.MonkeyPatch
-) -> None:
-    out, planned, tasks_at = made(), list[int](), DatasetPlan.tasks_at
-
-    def counted(plan: DatasetPlan, place: Place) -> Any:
-        planned.append(place.light)
-        return tasks_at(plan, place)
-
-    no_renders.setattr(DatasetPlan, "tasks_at", counted)
+def test_a_complete_dataset_is_not_written_again(made: Run) -> None:
+    out = made()
     times = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
     made()
     assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == times
-    assert planned == [*range(40)]
-    sorted((out / "shards").iterdir())[0].unlink()
-    made()
-    assert len(planned) == 2 * 40 + 1, "a light that misses a task is planned again, to make it"
 
 
 STOPPED = """
