@@ -1,4 +1,4 @@
-"""What varies in a dataset: every combination once, random numbers of the asked law, poses on a path, shared light."""
+"""Variation in a dataset: every combination once, distributions of random values, poses on a path, shared light."""
 
 from __future__ import annotations
 
@@ -208,7 +208,7 @@ def test_a_path_goes_through_its_keys_in_even_steps(
 
 @pytest.mark.parametrize("samples", [2_000, exhaustive(100_000)])
 def test_samples_stream_without_a_list_of_them(samples: int) -> None:
-    """Of each there are eight bytes, to find those that are there twice."""
+    """A plan keeps eight bytes of each sample, to find equal samples."""
     draws = {"parameters.radiance": {"log_uniform": [1e-5, 1e-3]}}
     plan = plan_of(
         random={"draws": samples // 2, "values": draws}, grid={"exposure_s": [0.1, 0.2]}

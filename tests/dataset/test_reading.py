@@ -1,4 +1,4 @@
-"""What is read of a dataset: samples by number, key and value, arrays, batches, card, contact sheet, table, `show`."""
+"""Reading a dataset: samples by number, key and value, arrays, batches, card, contact sheet, table, `show`."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def test_what_no_sample_has_is_a_sentence_with_what_there_is(
 def test_show_says_what_a_sample_is(
     made: Path, tmp_path: Path, cli: Callable[..., Any]
 ) -> None:
-    """22 µs and 298.15 K as they are; by number and by the beginning of a key."""
+    """Times and temperatures keep their digits; samples are found by number and by the beginning of a key."""
     sample = ms.Dataset(made)[4]
     facts = json.loads(cli("dataset", "show", made, "4", "--json").stdout)
     by_key = json.loads(cli("dataset", "show", made, sample.key[:8].upper(), "--json").stdout)
@@ -137,7 +137,7 @@ def test_show_says_what_a_sample_is(
 
 
 def test_a_preview_that_is_not_stored_is_developed(made: Path, tmp_path: Path) -> None:
-    """The same pictures of a camera without colour filters, whose white needs no light of the scene."""
+    """Images are equal for a camera without colour filters, whose white does not depend on the light."""
     file = tmp_path / "views.toml"
     text = FILE[: FILE.index('[[scenes]]\nname = "box"')].replace(', "preview", "aovs"', "")
     file.write_text(text, "utf-8")
@@ -182,7 +182,7 @@ def test_pytorch_loads_samples_in_workers(made: Path) -> None:
 
 
 def test_card_and_table_say_what_is_in_the_dataset(made: Path) -> None:
-    """Gains that an axis varies by ten are ranges; every sample is a row of the table with its own gain."""
+    """A gain that an axis varies tenfold is a range; every sample has a row with its own gain."""
     samples, text = [*ms.Dataset(made)], (made / "README.md").read_text("utf-8")
     rows = [[cell.strip() for cell in x.split("|")[1:-1]] for x in text.splitlines()]
     counts = {row[0]: row[1] for row in rows if len(row) == 2}
@@ -301,7 +301,7 @@ def test_a_caption_is_the_time_that_was_exposed_and_what_varies(
 def test_a_dark_picture_of_a_sheet_is_shown_brighter_by_whole_stops(
     code: int, stops: int
 ) -> None:
-    """Half of white is 188 of 255 behind the curve of sRGB; 60 is 4.5 % of white, 8 is 0.24 %; black stays black."""
+    """After the sRGB curve half of white is 188 of 255, 60 is 4.5 % of white, and 8 is 0.24 %; black stays black."""
     picture, factor = brightened(np.full((4, 5, 3), code, np.uint8))
     expected = srgb_curve(inverse_srgb_curve(np.array(code / 255)) * factor)
     assert factor == 2**stops

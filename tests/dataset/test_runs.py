@@ -1,4 +1,4 @@
-"""What a run promises, however it ends: what is done stays, and the same command makes the rest with the same bytes."""
+"""However a run ends, finished tasks stay, and the same command makes the rest with the same bytes."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Run = Callable[..., Any]
 
 @pytest.fixture
 def made(no_renders: pytest.MonkeyPatch, tmp_path: Path) -> Run:
-    """A run of the dataset of 40 lights."""
+    """Return a function that runs the dataset of 40 lights."""
 
     def make(out: str = "out", grid: Mapping[str, Any] = LIGHTS, **options: Any) -> Path:
         tables = options.pop("tables", {})
@@ -60,7 +60,7 @@ def made(no_renders: pytest.MonkeyPatch, tmp_path: Path) -> Run:
 
 
 def fork(work: Callable[[], object]) -> Any:
-    """A process that does it."""
+    """Start a process."""
     process = multiprocessing.get_context("fork").Process(target=work)
     process.start()
     return process
@@ -73,7 +73,7 @@ KILLS = signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP
 def test_a_run_that_is_killed_again_and_again_has_the_bytes_of_an_undisturbed_one(
     kills: int, made: Run, tmp_path: Path
 ) -> None:
-    """One run, two at once, or two parts."""
+    """One run, two runs at once, or two parts."""
     undisturbed, chance = contents(made("undisturbed")), random.Random(4)
     for number in range(kills):
         chosen = chance.choice([[{}], [{}, {}], [{"shard": (1, 2)}, {"shard": (2, 2)}]])
@@ -106,7 +106,7 @@ def test_the_order_of_workers_parts_and_values_changes_no_byte(
 
 
 def test_exposures_in_another_order_change_no_byte_of_a_sample(tmp_path: Path) -> None:
-    """Rendered and exposed, with all that is said of a sample."""
+    """All files of rendered samples are equal, including sample.json."""
     found = []
     for order in ([0.01, 0.05], [0.05, 0.01]):
         tables: dict[str, Any] = {"outputs": ["raw", "clean", "electrons", "variance"]}
@@ -118,7 +118,7 @@ def test_exposures_in_another_order_change_no_byte_of_a_sample(tmp_path: Path) -
 
 
 def test_a_dataset_grows_and_nothing_else_of_it_changes(made: Run) -> None:
-    """More values, draws, scenes and cameras; what is no longer of it is put aside, not removed."""
+    """New values add tasks; outdated shards are moved away, not removed."""
     few = {name: values[:1] for name, values in LIGHTS.items()}
     out = made(grid=few)
     (old,) = Store(out).finished()
@@ -168,8 +168,8 @@ RADIANCES = [1e-4 * k for k in (5, 3, 6, 4, 2, 1, 7)]  # the slowest ones first
 def test_a_task_that_raises_dies_takes_too_long_or_too_much_costs_that_task_alone(
     tmp_path: Path,
 ) -> None:
-    """1 and 7 are made, 2 raises, 3 always dies, 4 dies once, 5 takes too long, 6 too much memory. What is made has the
-    bytes that this process makes."""
+    """1 and 7 are made, 2 raises, 3 always dies, 4 dies once, 5 takes too long, 6 takes too much memory. Made tasks
+    have the bytes that this process makes."""
     plan = plan_of(grid={"parameters.radiance": RADIANCES})
     options = complete(RunOptions, {"workers": 2, "timeout_s": 5.0})
     job = Job(str(tmp_path), plan.record(7), 1.2, make=make_badly)
@@ -256,7 +256,7 @@ run.run(datasets.plan_of(grid=datasets.LIGHTS), Path(sys.argv[1]), workers=int(s
 def test_ctrl_c_says_how_many_samples_are_complete_of_all_runs(
     workers: int, kill: Callable[[int, int], None], tmp_path: Path
 ) -> None:
-    """In a terminal it goes to the workers too; from another program to the run alone."""
+    """A terminal also signals the workers; another program signals only the run."""
     variables = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     make_quickly(
         Store(tmp_path), plan_of(grid=LIGHTS).record(80), next(plan_of(grid=LIGHTS).tasks())
