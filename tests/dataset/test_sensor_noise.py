@@ -147,7 +147,7 @@ def test_the_same_number_is_the_same_image_alone_in_a_batch_and_in_another_proce
 
 
 def test_chips_gains_and_brightness_are_drawn_from_their_ranges() -> None:
-    """In 2000 draws the means of serial and ln(white) are within 5 standard errors; each gain occurs 600 times or more."""
+    """In 2000 draws the means of serial and ln(white) are within 5 standard errors; each gain occurs 600 times."""
     noise = ms.SensorNoise(
         "sony_a7s2", white_e=(10.0, 1000.0), serial=(5, 104), gain=[100, 1600], seed=1
     )
