@@ -486,7 +486,7 @@ TOKENS_MAX = {
     "camera": 24845,
     "cli": 21496,
     "core": 24509,
-    "dataset": 43354,
+    "dataset": 43233,
     "examples": 8792,
     "files": 19161,
     "gradient": 4264,
