@@ -213,14 +213,15 @@ def status_command(folder: DatasetFolder, as_json: arguments.Json = False) -> No
     store = Store(folder)
     record, there = store.require_record(), len(Table(store))
     failures, name = [*read_failures(store).values()], read_dataset_text(record.text).name
+    size = store.size()
     facts = {
         "name": name,
         "there": there,
         "samples": record.samples,
-        "bytes": store.size(),
+        "bytes": size,
         "failed": [failure.model_dump() for failure in failures],
     }
-    head = f"{name}: {there} of {record.samples} samples, {facts['bytes'] / 1e6:.3g} MB"
+    head = f"{name}: {there} of {record.samples} samples, {size / 1e6:.3g} MB"
     show(facts if as_json else _with_failed(head, failures), as_json)
 
 

@@ -89,7 +89,7 @@ def samples_csv(table: Table) -> str:
     writer = csv.DictWriter(text, [*names], restval="", lineterminator="\n")
     writer.writeheader()
     for line in table:
-        cells = {"key": line.key, "split": line.split, "shard": line.shard}
+        cells: Facts = {"key": line.key, "split": line.split, "shard": line.shard}
         cells |= line.exposed | line.values
         cells |= {f"pose.{name}": x for name, x in cells.pop("pose", {}).items()}
         lists = {n: " ".join(map(str, x)) for n, x in cells.items() if isinstance(x, list)}

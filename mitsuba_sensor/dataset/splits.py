@@ -110,7 +110,7 @@ class SplitOf:
         """Return what distinguishes the scene, as text."""
         assert self.splits is not None
         entry = sweep.entry
-        fixed = {f"parameters.{name}": x for name, x in entry.parameters.items()}
+        fixed: Facts = {f"parameters.{name}": x for name, x in entry.parameters.items()}
         fixed |= {f"traverse.{name}": x for name, x in entry.traverse.items()}
         values = {"scene": entry.name, **fixed, **varied}
         return json.dumps([values.get(name) for name in self.splits.by])

@@ -173,17 +173,17 @@ def test_a_task_that_raises_dies_takes_too_long_or_too_much_costs_that_task_alon
     plan = plan_of(grid={"parameters.radiance": RADIANCES})
     options = complete(RunOptions, {"workers": 2, "timeout_s": 5.0})
     job = Job(str(tmp_path), plan.record(7), 1.2, make=make_badly)
-    found = {
-        round(1e4 * float(x.task.config["parameters"]["radiance"])): x
-        for x in outcomes(plan.tasks(), job, options)
-    }
+    found, tasks = {}, {}
+    for task, outcome in outcomes(plan.tasks(), job, options):
+        number = round(1e4 * float(task.config["parameters"]["radiance"]))
+        found[number], tasks[number] = outcome, task
     assert [k for k in sorted(found) if not found[k].failed] == [1, 4, 7]
     assert found[2].failed == "ValueError: a bug" and "make_badly" in found[2].log
     assert found[3].failed == "its process died 3 times (the renderer is on fire)"
     assert "took longer than --timeout-s" in found[5].failed
     assert "GB of memory" in found[6].failed
     for k in (1, 4, 7):
-        make_quickly(Store(tmp_path / "here"), plan.record(7), found[k].task)
+        make_quickly(Store(tmp_path / "here"), plan.record(7), tasks[k])
     assert Store(tmp_path).finished() == Store(tmp_path / "here").finished()
     assert not [path for path in tmp_path.rglob(f"{durable.SCRATCH}*") if path.suffix == ".log"]
 
