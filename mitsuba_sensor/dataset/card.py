@@ -33,6 +33,8 @@ TEMPLATE = Path(__file__).with_name("card.md.j2")
 SAMPLES_READ_MAX = 200
 """Samples that are read for a card, however many there are."""
 SHEET_LINES_MAX, SHEET_PICTURES_MAX, SHEET_GROUPS_MIN, CAPTION_LINES_MAX = 2000, 64, 8, 3
+GROUPS_WEIGHT = 0.7
+"""A sheet may be twice as long to keep groups together: log 2."""
 CAPTION_PX = (90, 40)
 """Usual width and height of a caption of a contact sheet."""
 VISIBLE_RATIO = 0.1
@@ -260,10 +262,7 @@ def less_render_noise(render: Config) -> str:
 
 
 def sheet_rows(store: Store, lines: Sequence[Row]) -> list[SheetRow]:
-    """Return the rows of a nearly square contact sheet; none without previews and raw frames.
-
-    Each scene and view starts a row, unless most have so few samples that scenes follow one another in a row.
-    """
+    """Return the rows of a nearly square contact sheet; none without previews and raw frames."""
     looked_at = evenly_chosen(lines, SHEET_LINES_MAX)
     varied = _varied([line.values for line in looked_at])
     groups: dict[tuple[object, object], list[Row]] = {}
@@ -271,53 +270,42 @@ def sheet_rows(store: Store, lines: Sequence[Row]) -> list[SheetRow]:
         groups.setdefault((line.values.get("scene"), line.values.get("view")), []).append(line)
     longest = max(map(len, groups.values()), default=1)
     chosen = evenly_chosen([*groups], max(SHEET_PICTURES_MAX // longest, SHEET_GROUPS_MIN))
-    labelled: list[tuple[list[str], list[Captioned]]] = []
-    shape = (1, 1)
+    pictures, sizes, aspect = list[Captioned](), list[int](), 1.0
     for scene, view in chosen:
-        pictures = []
-        for line in evenly_chosen(groups[scene, view], SHEET_PICTURES_MAX // len(chosen)):
+        label = [f"{scene}" if view is None else f"{scene}, view {view}"] * (len(chosen) > 1)
+        shown = evenly_chosen(groups[scene, view], SHEET_PICTURES_MAX // len(chosen))
+        for line in shown:
             sample = Sample(store, line)
-            if sample.has(PICTURE) or sample.has(IMAGES["raw"]):
-                preview = sample.read("preview")
-                pictures.append(Captioned(png(preview), caption(line, varied)))
-                shape = preview.shape[:2]
-        if pictures:
-            label = [str(scene)] + ([] if view is None else [f"view {view}"])
-            labelled.append((label, pictures))
-    sizes = [len(pictures) for _, pictures in labelled]
-    shrink = max(-(-max(shape) // SIDE), 1)
-    aspect = max(shape[1] / shrink, CAPTION_PX[0]) / (shape[0] / shrink + CAPTION_PX[1])
-    if sum(sizes) and max(sizes) < columns_of([sum(sizes)], aspect):
-        pictures = [
-            x._replace(caption=[", ".join(label), *x.caption])
-            for label, y in labelled
-            for x in y
-        ]
-        labelled, sizes = [([], pictures)], [len(pictures)]
+            if not sample.has(PICTURE) and not sample.has(IMAGES["raw"]):
+                return []
+            preview = sample.read("preview")
+            pictures.append(Captioned(png(preview), [*label, *caption(line, varied)]))
+            shrink = max(-(-max(preview.shape) // SIDE), 1)
+            rows_px, columns_px = (size / shrink for size in preview.shape[:2])
+            aspect = max(columns_px, CAPTION_PX[0]) / (rows_px + CAPTION_PX[1])
+        sizes.append(len(shown))
     columns = columns_of(sizes, aspect)
-    rows = []
-    for label, pictures in labelled:
-        for first in range(0, len(pictures), columns):
-            last = min(first + columns, len(pictures))
-            place = f"{first + 1} to {last}" if last > first + 1 else f"{last}"
-            shown = [*label, place] if len(pictures) > columns else label
-            rows.append(SheetRow(shown, pictures[first:last]))
-    return rows
+    firsts = range(0, len(pictures), columns)
+    rows = [pictures[first : first + columns] for first in firsts]
+    labels = [
+        f"{first + 1} to {first + len(row)}" for first, row in zip(firsts, rows, strict=True)
+    ]
+    return [SheetRow([label], row) for label, row in zip(labels, rows, strict=True)]
 
 
 def columns_of(sizes: Sequence[int], aspect: float) -> int:
-    """Return the columns of the page nearest to a square, with rows of equal length in the longest group.
+    """Return the columns of a nearly square page, if possible with whole groups or parts of one group in each row.
 
-    sizes : pictures of each group.  aspect : width over height of a cell.
+    sizes : pictures of each group.  aspect : width over height of a picture with its caption.
     """
+    total, size = sum(sizes), max(sizes, default=1)
 
-    def elongation(columns: int) -> float:
-        return abs(math.log(columns * aspect / sum(-(-size // columns) for size in sizes)))
+    def badness(columns: int) -> float:
+        elongation = abs(math.log(columns * aspect / -(-total // columns)))
+        fits = len(sizes) == 1 or size % columns == 0 or columns % size == 0
+        return elongation + GROUPS_WEIGHT * (not fits)
 
-    longest = max(sizes, default=0)
-    return min(
-        (-(-longest // rows) for rows in range(1, longest + 1)), key=elongation, default=1
-    )
+    return min(range(1, total + 1), key=badness, default=1)
 
 
 def _varied(values: Sequence[Config]) -> list[str]:
