@@ -240,7 +240,7 @@ def verify_command(
         remove_faults(store, faults)
     facts = [fault._asdict() for fault in faults]
     show(facts if as_json else fault_sheet(folder, faults, removes), as_json)
-    if any(fault.is_damage for fault in faults):
+    if faults:
         raise typer.Exit(1)
 
 
@@ -351,18 +351,17 @@ def _counted(number: int, noun: str) -> str:
 
 def fault_sheet(folder: str, faults: Sequence[Fault], removed: bool) -> RenderableType:
     """Return the changed files, and the remedy."""
-    damaged = [fault for fault in faults if fault.is_damage]
     if not faults:
         return f"{folder}: every file is unchanged"
     table = ResultTable(("file", "what is wrong"))
     for fault in faults[:FAULTS_SHOWN_MAX]:
         table.add_row(fault.file, fault.what)
     more = f" (the first {FAULTS_SHOWN_MAX} are shown)" * (len(faults) > FAULTS_SHOWN_MAX)
-    head = f"{folder}: {_counted(len(damaged), 'damaged file')}{more}"
+    head = f"{folder}: {_counted(len(faults), 'damaged file')}{more}"
     below = "`mitsuba-sensor dataset run` with the dataset file recreates missing files."
-    if damaged and not removed:
+    if not removed:
         below = f"`mitsuba-sensor dataset verify {folder} --remove` removes damaged files; then {below}"
-    return Lines(Text(head, style="bold"), table, Text(below if damaged else ""))
+    return Lines(Text(head, style="bold"), table, Text(below))
 
 
 def _with_failed(head: str | Text, failed: Sequence[Failure]) -> RenderableType:
