@@ -486,7 +486,7 @@ TOKENS_MAX = {
     "camera": 24845,
     "cli": 21471,
     "core": 24509,
-    "dataset": 43044,
+    "dataset": 42989,
     "examples": 8792,
     "files": 19161,
     "gradient": 4264,

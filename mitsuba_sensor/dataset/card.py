@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -180,8 +180,8 @@ def _split_rows(lines: Iterable[Row]) -> list[tuple[str | int, ...]]:
 
 def _noise_rows(facts: Iterable[Facts]) -> list[tuple[Any, ...]]:
     """Return camera, gain, samples, and ranges of K, σ_d, saturation, black and white level; also of each readout."""
-    rows: dict[tuple[str, str], list[tuple[float | None, ...]]] = {}
-    figures: dict[str, Mapping[str, tuple[float | None, float | None]]] = {}
+    rows: dict[tuple[str, str], list[list[float | None]]] = {}
+    figures: dict[str, dict[str, list[float | None]]] = {}
     names = ("overall_system_gain_dn_per_e", "black_level_dn", "white_level_dn")
     for sample in facts:
         config = sample["config"]
@@ -192,39 +192,43 @@ def _noise_rows(facts: Iterable[Facts]) -> list[tuple[Any, ...]]:
         for readout, figures_e in figures[key].items():
             camera = sample["camera"] + (f", readout {readout}" if readout else "")
             gain, *black_and_white = map(levels.get(readout, {}).get, names)
-            row = (gain, *figures_e, *black_and_white)
-            rows.setdefault((camera, str(config["gain"] or "–")), []).append(row)
+            row = [gain, *figures_e, *black_and_white]
+            rows.setdefault((camera, _gain_of(sample)), []).append(row)
     return [
         (*key, len(group), *map(_range, zip(*group, strict=True)))
         for key, group in rows.items()
     ]
 
 
-def _dark_and_full_e(config: Config) -> dict[str, tuple[float | None, float | None]]:
+def _dark_and_full_e(config: Config) -> dict[str, list[float | None]]:
     """Return readout → σ_d and saturation [e-]; the whole frame has an empty name, combined frames have None."""
     camera = camera_from(config["camera"], "of the sample").at_gain(config["gain"])
-    figures_e = {}
-    for name, readout in {"": camera, **camera.readout_cameras}.items():
-        figures = figures_if_any(readout)
-        names = "temporal_dark_noise_e", "saturation_e"
-        figures_e[name] = (getattr(figures, names[0], None), getattr(figures, names[1], None))
-    return figures_e
+    names = "temporal_dark_noise_e", "saturation_e"
+    return {
+        readout: [getattr(figures_if_any(readout_camera), name, None) for name in names]
+        for readout, readout_camera in {"": camera, **camera.readout_cameras}.items()
+    }
 
 
 def _value_rows(facts: Iterable[Facts]) -> list[tuple[Any, ...]]:
     """Return minimum, medians and maximum of the quantiles of each camera at each gain."""
+    names = {
+        "raw frame [DN]": "digital_quantiles_dn",
+        "photoelectrons [e-]": "electrons_quantiles_e",
+    }
     groups: dict[tuple[str, str, str], list[list[float]]] = {}
-    quantities = {"raw frame [DN]": "digital", "photoelectrons [e-]": "electrons"}
-    units = {"digital": "dn", "electrons": "e"}
     for sample in facts:
-        for shown, name in quantities.items():
-            key = sample["camera"], str(sample["config"]["gain"] or "–"), shown
-            groups.setdefault(key, []).append(sample[f"{name}_quantiles_{units[name]}"])
-    rows = []
-    for names, group in groups.items():
-        middle = np.median(group, axis=0)[1:-1].tolist()
-        rows.append((*names, float(np.min(group)), *middle, float(np.max(group))))
-    return rows
+        for quantity, name in names.items():
+            key = sample["camera"], _gain_of(sample), quantity
+            groups.setdefault(key, []).append(sample[name])
+    return [
+        (*key, np.min(group), *np.median(group, axis=0)[1:-1], np.max(group))
+        for key, group in groups.items()
+    ]
+
+
+def _gain_of(sample: Facts) -> str:
+    return str(sample["config"]["gain"] or "–")
 
 
 def _render_noise(facts: Iterable[Facts], render: Config) -> str:
