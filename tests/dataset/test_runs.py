@@ -30,7 +30,7 @@ from helpers.marks import exhaustive
 import mitsuba_sensor as ms
 from mitsuba_sensor.core import DiskFull, InputError
 from mitsuba_sensor.core.options import complete
-from mitsuba_sensor.dataset import make_dataset
+from mitsuba_sensor.dataset import engine, make_dataset
 from mitsuba_sensor.dataset import run as run_module
 from mitsuba_sensor.dataset.engine import Job, outcomes
 from mitsuba_sensor.dataset.options import RunOptions
@@ -166,20 +166,21 @@ RADIANCES = [1e-4 * k for k in (5, 3, 6, 4, 2, 1, 7)]  # the slowest ones first
 
 
 def test_a_task_that_raises_dies_takes_too_long_or_too_much_costs_that_task_alone(
-    tmp_path: Path,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """1 and 7 are made, 2 raises, 3 always dies, 4 dies once, 5 takes too long, 6 takes too much memory. Made tasks
     have the bytes that this process makes."""
+    monkeypatch.setattr(engine, "TRIES_MAX", 2)
     plan = plan_of(grid={"parameters.radiance": RADIANCES})
-    options = complete(RunOptions, {"workers": 2, "timeout_s": 5.0})
-    job = Job(str(tmp_path), plan.record(7), 1.2, make=make_badly)
+    options = complete(RunOptions, {"workers": 2, "timeout_s": 8.0})
+    job = Job(str(tmp_path), plan.record(7), 0.8, make=make_badly)
     found, tasks = {}, {}
     for task, outcome in outcomes(plan.tasks(), job, options):
         number = round(1e4 * float(task.config["parameters"]["radiance"]))
         found[number], tasks[number] = outcome, task
     assert [k for k in sorted(found) if not found[k].failed] == [1, 4, 7]
     assert found[2].failed == "ValueError: a bug" and "make_badly" in found[2].log
-    assert found[3].failed == "its process died 3 times (the renderer is on fire)"
+    assert found[3].failed == "its process died 2 times (the renderer is on fire)"
     assert "took longer than --timeout-s" in found[5].failed
     assert "GB of memory" in found[6].failed
     for k in (1, 4, 7):

@@ -96,7 +96,7 @@ def make_badly(store: Store, record: Record, task: Task) -> None:
     if what == 5:
         time.sleep(600)
     if what == 6:
-        held = bytearray(1_500_000_000)
+        held = bytearray(900_000_000)
         time.sleep(600)
         assert held
     make_quickly(store, record, task)
