@@ -1,9 +1,9 @@
-"""A twin of a camera: frames of a camera are fitted, and the twin takes the same frames.
+"""Fit a twin to frames of a camera, and take the same frames with the twin.
 
     python examples/fit_a_twin.py [-o PICTURE]
 
-Bias, dark and flat frames of one chip in, camera tables and measured maps out. Prints what was put in beside what came
-back; draws a dark frame of each and their histograms.
+The fit turns bias, dark and flat frames of one sensor unit into camera tables and measured maps. This prints true and
+fitted values side by side, and draws a dark frame of each and their histograms.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ camera = ms.load_camera("bayer_2mp").replace(**CHANGES)
 
 
 def stack(photons: float, time_s: float, frames: int, seed: int) -> ms.lab.Stack:
-    """Frames of uniform light."""
+    """Return frames under uniform illumination."""
     taken = ms.expose(photons, camera, ms.Exposure(time_s), frames=frames, seed=seed)
     name = f"{'flat' if photons else 'dark'}_{time_s:g}s"
     return ms.lab.Stack(

@@ -1,12 +1,12 @@
-"""Inverse rendering: the power of a lamp, an albedo and the focus of the lens, from one noisy raw frame.
+"""Recover the power of a lamp, an albedo and the focus of the lens from one noisy raw frame.
 
     python examples/inverse_rendering.py [-o PICTURE]
 
-What is most likely is found by Fisher scoring: ms.raw_log_likelihood says how likely the raw frame is, and dr.backward
-how that changes with lamp and albedo, through the sensor, the image and prb. By the focus prb has no derivative, and no
-integrator of Mitsuba one at the edges of a blurred picture; so it is a difference of two renders with equal random
-numbers.
-Prints the values with 95 % intervals and the bound of Cramér and Rao, draws PICTURE.
+Fisher scoring finds the most likely values: ms.raw_log_likelihood returns the likelihood of the raw frame, and
+dr.backward its derivatives with respect to lamp and albedo, through the sensor, the image and prb. For the focus, prb
+has no derivative, and no integrator of Mitsuba has one at the edges of a blurred image; so the focus uses the
+difference of two renders with equal random numbers.
+Prints the values with 95 % intervals and the Cramér–Rao bound, and draws PICTURE.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ START = {LAMP: 2e-5, ALBEDO: 0.6, FOCUS: 0.31}
 NAMES = {LAMP: "lamp", ALBEDO: "albedo", FOCUS: "focus"}
 UNITS = {LAMP: "W/sr/nm", ALBEDO: "", FOCUS: "m"}
 SAMPLES, STEPS, SIMULATED = 256, 6, 8
-STEP = 0.02  # of a difference, relative
-LARGEST = 0.3  # change of a value in one step, relative
+STEP = 0.02  # relative step of a difference
+LARGEST = 0.3  # largest relative change of a value in one step
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("-o", "--out", metavar="PICTURE", help="PNG file of the picture")
@@ -61,7 +61,7 @@ KEYS[FOCUS] = next(key for key, _ in parameters if key.endswith("focus_distance"
 
 
 def render(values: dict[str, float], seed: int, samples: int = SAMPLES) -> mi.TensorXf:
-    """The image of the photosensor."""
+    """Return the image of the photosensor."""
     for name, value in values.items():
         parameters[KEYS[name]] = mi.Float(value)
     parameters.update()
@@ -69,7 +69,7 @@ def render(values: dict[str, float], seed: int, samples: int = SAMPLES) -> mi.Te
 
 
 def derivatives(values: dict[str, float], seed: int) -> np.ndarray:
-    """How every pixel of the image changes with each value: differences of renders with equal random numbers."""
+    """Return the derivatives of every pixel: differences of renders with equal random numbers."""
     rows = []
     for name, value in values.items():
         step = STEP * value
@@ -83,8 +83,8 @@ def derivatives(values: dict[str, float], seed: int) -> np.ndarray:
 def slopes_of_likelihood(
     raw: np.ndarray, values: dict[str, float], by_focus: np.ndarray, seed: int
 ) -> np.ndarray:
-    """How the logarithm of the likelihood of a raw frame changes with each value: through prb, and by the focus through
-    the derivative of the image that is given."""
+    """Return the derivatives of the log-likelihood of a raw frame: through prb, and for the focus through the given
+    derivative of the image."""
     variables = {name: mi.Float(value) for name, value in values.items()}
     dr.enable_grad(*variables.values())
     for name, variable in variables.items():
@@ -98,7 +98,7 @@ def slopes_of_likelihood(
 
 
 def score(raw: np.ndarray, image: mi.TensorXf) -> np.ndarray:
-    """How the logarithm of the likelihood changes with every pixel of the image."""
+    """Return the derivative of the log-likelihood with respect to every pixel of the image."""
     variable = mi.TensorXf(image)
     dr.enable_grad(variable)
     dr.backward(dr.sum(ms.raw_log_likelihood(raw, variable, sensor=sensor), axis=None))
@@ -106,7 +106,7 @@ def score(raw: np.ndarray, image: mi.TensorXf) -> np.ndarray:
 
 
 def information(image: mi.TensorXf, slopes: np.ndarray) -> np.ndarray:
-    """Fisher information of one frame about the three values: the mean square of the scores of simulated frames."""
+    """Return the Fisher information of one frame on the three values: the mean square of simulated scores."""
     square = np.zeros(slopes.shape[1])
     for number in range(SIMULATED):
         codes = np.array(ms.digital(image, sensor=sensor, expected=False, seed=100 + number))
@@ -129,12 +129,12 @@ for number in range(STEPS):
     )
 
 image, slopes = render(values, STEPS), derivatives(values, STEPS)
-own = slopes * score(raw, image)  # the information that this frame itself has
+own = slopes * score(raw, image)  # the information in this frame
 half = 1.96 * np.sqrt(np.diag(np.linalg.inv(own @ own.T)))
 fisher = information(render(TRUE, STEPS + 1), derivatives(TRUE, STEPS + 1))
 bound = np.sqrt(np.diag(np.linalg.inv(fisher)))
 
-print("\n           true      found      95 % interval             Cramér-Rao σ, 1.96 of it")
+print("\n           true      found      95 % interval             Cramér–Rao σ, 1.96 σ")
 lines = []
 for name, found, reach, sigma in zip(values, values.values(), half, bound, strict=True):
     interval = f"{found - reach:.4g} to {found + reach:.4g}"

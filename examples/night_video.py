@@ -1,9 +1,10 @@
-"""Lamps of the night crossing one by one and relit, bands of flicker, and a video with automatic exposure.
+"""Make pictures of the night crossing: single lamps, other lamp levels, flicker bands, and an auto-exposure video.
 
     python examples/night_video.py [-o FOLDER]
 
-One render keeps the light of each group of lamps apart; the second picture needs no other one. In the video the car
-comes, with a render for every frame. All are written to FOLDER, by default out/night; it takes a minute on two cores.
+One render keeps the light of each lamp group separate, so the second picture needs no further render. In the video a
+car approaches; every frame has its own render. Files go to FOLDER (default: out/night). This takes a minute on two
+cores.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ GROUPS = {
     "headlights": "headlight_*",
 }
 EVENING = {"sky": 6, "lamps": 0.3, "windows": 4, "signals": 2}
-"""Levels of another hour: more light of the sky and the windows, and lamps that are dimmed."""
+"""Levels of another hour: more light from the sky and the windows, and dimmed lamps."""
 ROLLING = {"sensor.shutter": "rolling", "sensor.row_time_us": 60.0}
 SPP, WIDTH, VIDEO_SPP, VIDEO_WIDTH, FRAMES, FPS = 48, 240, 16, 96, 6, 10
 
 
 def pictures(folder: Path) -> None:
-    """The groups and a mix of them, and the bands: two PNG files."""
+    """Write two PNG files: the groups and a mix of them, and the flicker bands."""
     light = ms.render(SCENE, light_groups=GROUPS, spp=SPP, width=WIDTH, progress=False)
     dark = dict.fromkeys(GROUPS, 0.0)
     alone = [{**dark, name: 1.0} for name in GROUPS]
@@ -51,7 +52,7 @@ def pictures(folder: Path) -> None:
 
 
 def video(folder: Path) -> None:
-    """The car comes, and the exposure goes to its target: frames.webp and the files of the frames."""
+    """Write frames.webp and the files of the frames: the car approaches, and the exposure reaches its target."""
     options: dict[str, Any] = {"motion": SCENE, "width": VIDEO_WIDTH, "spp": VIDEO_SPP}
     control = ms.AutoExposure(target=0.1, damping=0.6, delay=1)
     captured = ms.capture(
@@ -69,7 +70,7 @@ def video(folder: Path) -> None:
 
 
 def main() -> None:
-    """Write the two pictures, and the video in a folder of its own."""
+    """Write the two pictures, and the video in a separate folder."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-o", "--out", type=Path, default=Path("out/night"))
     folder = parser.parse_args().out

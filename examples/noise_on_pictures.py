@@ -1,9 +1,9 @@
-"""The noise of a camera on a picture that was made elsewhere, as training data are augmented.
+"""Add the noise of a camera to an existing picture, as for augmenting training data.
 
     python examples/noise_on_pictures.py [-o PICTURE]
 
-A picture of 8 bits, taken to have no noise, is photographed at three brightnesses by one camera and developed again.
-Prints the share of noise that the theory gives beside that of 32 images; draws the picture and the three.
+One camera takes an 8-bit picture, assumed to be noise-free, at three brightness levels, and develops it again. It
+prints the relative noise by theory next to the noise of 32 images, and draws the original and the three results.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import mitsuba_sensor as ms
 
 SOURCE = Path(__file__).parent.parent / "docs" / "images" / "first_frame_clean.png"
 ROWS, COLUMNS = slice(100, 260), slice(120, 360)
-ELECTRONS = (2000.0, 200.0, 20.0)  # behind white
+ELECTRONS = (2000.0, 200.0, 20.0)  # for white
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument(

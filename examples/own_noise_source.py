@@ -1,9 +1,9 @@
-"""A noise source of your own: the glow of an amplifier in the corner, put into the chain of a shipped camera.
+"""Add your own noise source to an included camera: the glow of an amplifier in the corner.
 
     python examples/own_noise_source.py -o amp_glow/      # frame.png and frame.tiff: a dark frame with the glow
 
-Nothing in the package knows of it, and yet it runs on NumPy and as a compiled kernel, and appears in theory, plan,
-noise budget and metadata. ``ms.check_stage`` measures what it does all over the sensor.
+The package does not know this stage, but it runs on NumPy and as a compiled kernel, and appears in theory, plan, noise
+budget and metadata. ``ms.check_stage`` measures its effect everywhere on the sensor.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import mitsuba_sensor as ms
 
 @dataclass(frozen=True)
 class AmpGlow(ms.Stage):
-    """Dark electrons of an amplifier beside the first pixel, which fall exponentially with the distance from it.
+    """Dark electrons of an amplifier next to the first pixel, which fall exponentially with distance.
 
     rate_e_per_s : in the first pixel [e-/s].  length_px : within which the glow falls by 1/e [pixels].
     """
@@ -29,7 +29,7 @@ class AmpGlow(ms.Stage):
     domain = "electrons"
 
     def glow_e(self, frame: ms.stages.Frame) -> ms.stages.Array:
-        """Mean electrons of the glow in every pixel of the frame, wherever its window is on the sensor, (H, W)."""
+        """Return the mean electrons of the glow in every pixel of the frame, shape (H, W), for any sensor window."""
         rows, columns = np.ix_(frame.window.rows, frame.window.columns)
         corner_e = self.rate_e_per_s * frame.exposure.time_s
         return corner_e * np.exp(-np.hypot(rows, columns) / self.length_px)
@@ -37,13 +37,13 @@ class AmpGlow(ms.Stage):
     def sample(
         self, electrons: ms.stages.Electrons, frame: ms.stages.Frame
     ) -> ms.stages.Electrons:
-        """Electrons with the glow, whose shot noise is drawn by the stage that counts all electrons."""
+        """Add the glow; the stage that counts all electrons draws its shot noise."""
         glow_e = frame.window.backend.from_numpy(self.glow_e(frame), frame.window)
         return replace(electrons, dark=electrons.dark + glow_e)
 
 
 def main() -> None:
-    """Check the stage, expose a camera with it to darkness, and print what theory says of the frame."""
+    """Check the stage, take a dark frame with it, and print the theory of the frame."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,4 +1,4 @@
-"""Make the pictures of docs/optics-and-pixels.md: what a polarisation camera sees of balls on a polished table.
+"""Make the pictures of docs/optics-and-pixels.md: balls on a polished table, seen by a polarisation camera.
 
 python examples/polarisation.py                                      # small, into polarisation/
 python examples/polarisation.py -o docs/images --width 240 --spp 128    # the pictures of docs/optics-and-pixels.md
@@ -20,17 +20,17 @@ from mitsuba_sensor.output.preview import preview
 SCENE = Path(__file__).parent.parent / "scenes" / "polarisation.xml"
 EXPOSURE = ms.Exposure(0.004)
 FRAMES = 8
-STRIP_ROWS = 4  # of the colours under the picture of the angle
+STRIP_ROWS = 4  # colours below the picture of the angle
 
 
 def frames_of(width: int, spp: int) -> ms.Frames:
-    """Frames of the scene behind the polarisers of the camera."""
+    """Return frames of the scene after the polarisers of the camera."""
     light = ms.render(SCENE, "sony_imx250mzr", EXPOSURE, width=width, spp=spp)
     return ms.expose(light, frames=FRAMES)
 
 
 def measured(frames: ms.Frames) -> Polarization:
-    """Degree and angle of polarisation of every tile of four pixels."""
+    """Return degree and angle of polarisation of every tile of four pixels."""
     camera = frames.camera
     assert camera.sensor.polarizers is not None
     stack = Stack(frames.digital, EXPOSURE.time_s, bits=camera.adc.bits)
@@ -47,7 +47,7 @@ def measured(frames: ms.Frames) -> Polarization:
 
 
 def with_angles(picture: np.ndarray) -> np.ndarray:
-    """The picture over a strip of the colours of 0 to 180°, from the left to the right."""
+    """Return the picture above a strip with the colours of 0° to 180°, from left to right."""
     columns = picture.shape[1]
     angles = np.linspace(0.0, 180.0, columns, endpoint=False)
     strip = np.repeat(hues(angles)[None], STRIP_ROWS, axis=0)
@@ -57,7 +57,7 @@ def with_angles(picture: np.ndarray) -> np.ndarray:
 
 
 def grey(values: np.ndarray) -> np.ndarray:
-    """A picture of 8 bits, (H, W, 3), of values from 0 to 1."""
+    """Return an 8-bit picture, shape (H, W, 3), of values from 0 to 1."""
     levels = np.clip(np.nan_to_num(values), 0.0, 1.0)
     return np.repeat((255 * levels + 0.5).astype(np.uint8)[..., None], 3, axis=-1)
 

@@ -1,4 +1,4 @@
-"""A stereo sequence for visual odometry: two cameras drive through a street at night while a car comes towards them.
+"""Make a stereo sequence for visual odometry: two cameras drive through a street at night, towards a car.
 
     python examples/stereo_sequence.py -o out/stereo
 
@@ -43,7 +43,7 @@ keys = [
 
 
 def with_second_sensor(scene: str) -> str:
-    """The text of a scene, its sensor twice: the second one is so far to the right of the first one."""
+    """Return the text of a scene with a second sensor to the right of the first one."""
     found = re.search(r"<sensor.*?</sensor>", scene, re.S)
     assert found is not None
     left, right = (found[0].replace("<sensor", f'<sensor id="{name}"', 1) for name in NAMES)

@@ -1,12 +1,12 @@
-"""Train a small network to take the noise out of raw frames, and test it on scenes and chips that it has not seen.
+"""Train a small network to denoise raw frames, and test it on scenes and sensor units that it has not seen.
 
     pip install '.[training]'
     python examples/train_a_denoiser.py
 
 This makes the dataset of examples/denoiser_pairs.toml in denoiser_pairs/dataset/, trains on its split "train", and
-prints the PSNR of its split "test": of the noisy frames, of what a Gaussian filter, total variation and BM3D leave, and
-of the network. denoised.png shows it. Total variation needs scikit-image, BM3D the package bm3d; they are left out
-where these are not installed.
+prints the PSNR of its split "test" for the noisy frames, a Gaussian filter, total variation, BM3D and the network.
+denoised.png shows the results. Total variation needs scikit-image and BM3D needs bm3d; without these packages the
+filters are omitted.
 """
 
 from __future__ import annotations
@@ -35,24 +35,24 @@ from mitsuba_sensor.output.preview import preview
 
 PAIRS = Path(__file__).with_name("denoiser_pairs.toml")
 CHANNELS = 4
-"""The pixels of a tile of the colour mosaic, each a picture of half the size."""
+"""Pixels of a tile of the colour mosaic, each an image of half the size."""
 WIDTHS = 24, 32, 48
 """Channels of the network at full, half and quarter size."""
 SIDE, BATCH = 32, 16
-"""Of a training patch [pixels of a channel], and patches of a step."""
+"""Side of a training patch [pixels of a channel], and patches of a step."""
 HIGHEST_RATE = 2e-3
 GAUSSIAN_PX = 0.5, 0.7, 1.0, 1.4, 2.0
 VARIATION_WEIGHTS = 0.3, 0.5, 0.8, 1.2, 1.8
-"""Strengths of the filters, of which the best on the training pairs is taken."""
+"""Strengths of the filters; the best strength on the training pairs is used."""
 Filter = Callable[[np.ndarray], np.ndarray]
 Parameters = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two frames, (H, W, 4) photoelectrons.
+    """Two frames in photoelectrons, shape (H, W, 4).
 
-    read_noise_e : of the camera.  peak_e : photoelectrons of white, fewer by the stops that were taken away.
+    read_noise_e : of the camera.  peak_e : photoelectrons of white with the exposure compensation.
     """
 
     sample: Sample
@@ -62,20 +62,20 @@ class Pair:
     peak_e: float
 
     def stabilized(self, electrons: np.ndarray) -> np.ndarray:
-        """Anscombe's transform for shot and read noise: behind it the noise has a variance of about 1 everywhere."""
+        """Return Anscombe's transform for shot and read noise, after which the noise has a variance of about 1."""
         return 2 * np.sqrt(np.maximum(electrons + 3 / 8 + self.read_noise_e**2, 0))
 
     def electrons(self, stabilized: np.ndarray, offset: float = 3 / 8) -> np.ndarray:
-        """The inverse.  offset : 1/8 of a mean of noisy values, whose mean square is larger by their variance."""
+        """Return the inverse.  offset : 1/8 for a mean of noisy values, whose square is larger by their variance."""
         return (stabilized / 2) ** 2 - offset - self.read_noise_e**2
 
     @property
     def peak(self) -> float:
-        """White behind the transform."""
+        """White after the transform."""
         return float(self.stabilized(np.array(self.peak_e)))
 
     def psnr_db(self, electrons: np.ndarray) -> float:
-        """Peak signal-to-noise ratio against the clean frame; the peak is white."""
+        """Return the peak signal-to-noise ratio relative to the clean frame; the peak is white."""
         difference = np.clip(electrons / self.peak_e, 0, 1) - np.clip(
             self.clean_e / self.peak_e, 0, 1
         )
@@ -83,8 +83,8 @@ class Pair:
 
 
 def pairs_of(samples: ms.Dataset) -> list[Pair]:
-    """The pairs of a dataset."""
-    found = []
+    """Return the pairs of a dataset."""
+    pairs = []
     for sample in samples:
         facts = sample.facts
         image, gain_dn_per_e = facts["image"], facts["system_gain_dn_per_e"]
@@ -93,14 +93,14 @@ def pairs_of(samples: ms.Dataset) -> list[Pair]:
         noisy_e = (sample.read("raw")[0] - black_dn) / gain_dn_per_e
         clean_e = (sample.read("clean") - black_dn) / gain_dn_per_e
         white_e = (image["white_level_dn"] - black_dn) / gain_dn_per_e
-        found.append(
+        pairs.append(
             Pair(sample, tiles_of(noisy_e), tiles_of(clean_e), noise_e, white_e * 2.0**stops)
         )
-    return found
+    return pairs
 
 
 def tiles_of(mosaic: np.ndarray) -> np.ndarray:
-    """(H, W) → (H / 2, W / 2, 4)."""
+    """Return the channels of a mosaic: shape (H, W) → (H / 2, W / 2, 4)."""
     rows, columns = (length // 2 * 2 for length in mosaic.shape)
     even = mosaic[:rows, :columns]
     parts = [even[row::2, column::2] for row in (0, 1) for column in (0, 1)]
@@ -108,7 +108,7 @@ def tiles_of(mosaic: np.ndarray) -> np.ndarray:
 
 
 def mosaic_of(tiles: np.ndarray) -> np.ndarray:
-    """The inverse."""
+    """Return the mosaic of channels."""
     rows, columns, _ = tiles.shape
     mosaic = np.empty((2 * rows, 2 * columns), tiles.dtype)
     for channel in range(CHANNELS):
@@ -117,7 +117,7 @@ def mosaic_of(tiles: np.ndarray) -> np.ndarray:
 
 
 def input_of(pair: Pair) -> np.ndarray:
-    """What the network sees: the noisy frame behind the transform over white, and the noise over white."""
+    """Return the input of the network: the transformed noisy frame and the noise, both relative to white."""
     noise = np.full((*pair.noisy_e.shape[:2], 1), 1 / pair.peak)
     return np.concatenate([pair.stabilized(pair.noisy_e) / pair.peak, noise], -1).astype(
         np.float32
@@ -125,7 +125,7 @@ def input_of(pair: Pair) -> np.ndarray:
 
 
 def new_parameters(seed: int) -> Parameters:
-    """Weights and biases of all layers; He's initial weights."""
+    """Return He's initial weights, and biases, of all layers."""
     full, half, quarter = WIDTHS
     layers = {
         "first": (CHANNELS + 1, full),
@@ -138,7 +138,7 @@ def new_parameters(seed: int) -> Parameters:
         "from_half": (half + full, full),
         "last": (full, CHANNELS),
     }
-    found: Parameters = {}
+    parameters: Parameters = {}
     for key, (name, (inputs, outputs)) in zip(
         jax.random.split(jax.random.key(seed), len(layers)), layers.items(), strict=True
     ):
@@ -146,14 +146,14 @@ def new_parameters(seed: int) -> Parameters:
         if name == "last":
             scale = 0.0  # the network begins with the noisy frame
         weights = scale * jax.random.normal(key, (3, 3, inputs, outputs))
-        found[name] = weights, jnp.zeros(outputs)
-    return found
+        parameters[name] = weights, jnp.zeros(outputs)
+    return parameters
 
 
 def convolved(
     parameters: Parameters, name: str, image: jax.Array, stride: int = 1
 ) -> jax.Array:
-    """3 × 3 convolution."""
+    """Return a 3 × 3 convolution."""
     weights, bias = parameters[name]
     strides, kinds = (stride, stride), ("NHWC", "HWIO", "NHWC")
     padding = ((1, 1), (1, 1))
@@ -163,7 +163,7 @@ def convolved(
 
 
 def network(parameters: Parameters, image: jax.Array) -> jax.Array:
-    """A small U-net: the noise of the frames (N, H, W, 5) that is to be taken off, in its standard deviations."""
+    """Return the noise in frames, shape (N, H, W, 5), in standard deviations: a small U-net."""
 
     def layer(name: str, inputs: jax.Array, stride: int = 1) -> jax.Array:
         return jax.nn.relu(convolved(parameters, name, inputs, stride))
@@ -177,17 +177,17 @@ def network(parameters: Parameters, image: jax.Array) -> jax.Array:
 
 
 def enlarged(image: jax.Array) -> jax.Array:
-    """Twice as many rows and columns, each value four times."""
+    """Return an image with twice as many rows and columns."""
     return image.repeat(2, axis=1).repeat(2, axis=2)
 
 
 def loss(parameters: Parameters, image: jax.Array, noise: jax.Array) -> jax.Array:
-    """Mean square of what is left of the noise, in its standard deviations."""
+    """Return the mean square of the remaining noise, in standard deviations."""
     return jnp.mean((network(parameters, image) - noise) ** 2)
 
 
 def patches(pairs: Sequence[Pair], seed: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Batches without end: inputs, and the noise in them. Patches are mirrored and transposed at random."""
+    """Yield endless batches of inputs and their noise, randomly mirrored and transposed."""
     rng = np.random.default_rng(seed)
     inputs = [input_of(pair) for pair in pairs]
     noises = [pair.stabilized(pair.noisy_e) - pair.stabilized(pair.clean_e) for pair in pairs]
@@ -200,12 +200,12 @@ def patches(pairs: Sequence[Pair], seed: int) -> Iterator[tuple[np.ndarray, np.n
             top, left = (int(rng.integers(length - side + 1)) for length in image.shape[:2])
             patch = image[top : top + side, left : left + side]
             batch.append(mirrored(patch, int(rng.integers(8))))
-        found = np.stack(batch)
-        yield found[..., : CHANNELS + 1], found[..., CHANNELS + 1 :]
+        stack = np.stack(batch)
+        yield stack[..., : CHANNELS + 1], stack[..., CHANNELS + 1 :]
 
 
 def mirrored(patch: np.ndarray, way: int) -> np.ndarray:
-    """One of the eight ways to lay a square."""
+    """Return a square in one of its eight orientations."""
     if way & 1:
         patch = patch[::-1]
     if way & 2:
@@ -216,7 +216,7 @@ def mirrored(patch: np.ndarray, way: int) -> np.ndarray:
 
 
 def train(pairs: Sequence[Pair], steps: int, seed: int) -> Parameters:
-    """The network after so many steps of Adam, whose rate falls to nothing."""
+    """Train a network with Adam, whose rate falls to zero."""
     optimizer = optax.adam(optax.cosine_decay_schedule(HIGHEST_RATE, steps))
     parameters = new_parameters(seed)
     state = optimizer.init(parameters)
@@ -235,14 +235,14 @@ def train(pairs: Sequence[Pair], steps: int, seed: int) -> Parameters:
             mean = float(np.mean(losses))
             took_s = time.monotonic() - began
             print(
-                f"step {number} of {steps}: {mean:.3f} of the noise's variance is left, {took_s:.0f} s"
+                f"step {number} of {steps}: {mean:.3f} of the noise variance remains, {took_s:.0f} s"
             )
             losses.clear()
     return parameters
 
 
 def denoised_by_network(parameters: Parameters, pair: Pair) -> np.ndarray:
-    """Photoelectrons."""
+    """Return the photoelectrons that the network leaves."""
     image = input_of(pair)
     rows, columns = image.shape[:2]
     padded = np.pad(image, ((0, -rows % 4), (0, -columns % 4), (0, 0)), mode="reflect")
@@ -251,33 +251,35 @@ def denoised_by_network(parameters: Parameters, pair: Pair) -> np.ndarray:
 
 
 def denoised_by_filter(smooth: Filter, pair: Pair) -> np.ndarray:
-    """Photoelectrons: each channel is filtered behind the transform, where its noise is the same everywhere."""
+    """Return the photoelectrons after filtering each transformed channel, whose noise is the same everywhere."""
     channels = np.moveaxis(pair.stabilized(pair.noisy_e), -1, 0)
     filtered = np.stack([smooth(channel) for channel in channels], axis=-1)
     return pair.electrons(filtered, offset=1 / 8)
 
 
 def filters(pairs: Sequence[Pair]) -> dict[str, Filter]:
-    """Name → the filters that are installed, as strong as is best for some pairs."""
-    found = {"Gaussian": best([partial(gaussian_filter, sigma=x) for x in GAUSSIAN_PX], pairs)}
+    """Return name → installed filter, with the best strength for these pairs."""
+    installed = {
+        "Gaussian": best([partial(gaussian_filter, sigma=x) for x in GAUSSIAN_PX], pairs)
+    }
     try:
         from skimage.restoration import denoise_tv_chambolle
     except ImportError:
         print("no total variation: scikit-image is not installed")
     else:
         tries = [partial(denoise_tv_chambolle, weight=x) for x in VARIATION_WEIGHTS]
-        found["total variation"] = best(tries, pairs)
+        installed["total variation"] = best(tries, pairs)
     try:
         from bm3d import bm3d
     except ImportError:
         print("no BM3D: the package bm3d is not installed")
     else:
-        found["BM3D"] = partial(bm3d, sigma_psd=1.0)
-    return found
+        installed["BM3D"] = partial(bm3d, sigma_psd=1.0)
+    return installed
 
 
 def best(tries: Sequence[Filter], pairs: Sequence[Pair]) -> Filter:
-    """The filter with the highest mean PSNR."""
+    """Return the filter with the highest mean PSNR."""
 
     def mean_db(smooth: Filter) -> float:
         return float(
@@ -289,25 +291,25 @@ def best(tries: Sequence[Filter], pairs: Sequence[Pair]) -> Filter:
 
 @dataclass(frozen=True)
 class Denoised:
-    """What each method makes of a pair.  electrons : name of the method → (H, W, 4)."""
+    """Results for a pair.  electrons : name of the method → photoelectrons, shape (H, W, 4)."""
 
     pair: Pair
     electrons: dict[str, np.ndarray]
 
     @property
     def title(self) -> list[str]:
-        """Scene, camera and stops."""
+        """Scene, camera and exposure compensation."""
         values = self.pair.sample.values
         return [values["scene"], values["camera"], f"{values['exposure_ev']} EV"]
 
     @property
     def psnr_db(self) -> dict[str, float]:
-        """Of each method."""
-        return {name: self.pair.psnr_db(found) for name, found in self.electrons.items()}
+        """PSNR of each method [dB]."""
+        return {name: self.pair.psnr_db(x) for name, x in self.electrons.items()}
 
 
 def table_of(results: Sequence[Denoised]) -> str:
-    """A line for each pair, and the means."""
+    """Return a line for each pair, and the means."""
     names = [*results[0].electrons]
     lines = ["".join(f"{name:>17}" for name in ("", *names))]
     lines[0] = f"{'scene, camera, stops':42}" + lines[0][17:]
@@ -319,7 +321,7 @@ def table_of(results: Sequence[Denoised]) -> str:
 
 
 def picture(results: Sequence[Denoised]) -> np.ndarray:
-    """A row for each pair: noisy, what the methods leave, and clean."""
+    """Return a row for each pair: noisy, denoised by each method, and clean."""
     rows = []
     for result in results:
         pair, cells = result.pair, list[Captioned]()
@@ -332,7 +334,7 @@ def picture(results: Sequence[Denoised]) -> np.ndarray:
 
 
 def developed(pair: Pair, electrons: np.ndarray) -> np.ndarray:
-    """The colours of a frame, as bright as without the stops that were taken away."""
+    """Return the colours of a frame, as bright as without exposure compensation."""
     facts = pair.sample.facts
     digital = facts["image"]["black_level_dn"] + facts["system_gain_dn_per_e"] * electrons
     camera = ms.load_camera(facts["config"]["camera"])
@@ -346,9 +348,11 @@ def main() -> None:
     )
     parser.add_argument("-o", "--out", type=Path, default=Path("denoiser_pairs"))
     parser.add_argument("--dataset", type=Path, default=PAIRS, help="dataset file (.toml)")
-    parser.add_argument("--steps", type=int, default=1500, help="of training (default 1500)")
-    parser.add_argument("--seed", type=int, default=1, help="of all that is random (default 1)")
-    parser.add_argument("--json", action="store_true", help="print the table as JSON, too")
+    parser.add_argument("--steps", type=int, default=1500, help="training steps (default 1500)")
+    parser.add_argument(
+        "--seed", type=int, default=1, help="seed of everything random (default 1)"
+    )
+    parser.add_argument("--json", action="store_true", help="also print the table as JSON")
     options = parser.parse_args()
 
     folder = options.out / "dataset"
@@ -363,7 +367,7 @@ def main() -> None:
     results = []
     for pair in held_out:
         results.append(Denoised(pair, {name: method(pair) for name, method in methods.items()}))
-    print("\nPSNR [dB] of scenes and chips of which nothing was seen in training")
+    print("\nPSNR [dB] for scenes and sensor units that training has not seen")
     print(table_of(results))
     if options.json:
         rows = [{"pair": result.title, "psnr_db": result.psnr_db} for result in results]

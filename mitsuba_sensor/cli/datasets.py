@@ -180,16 +180,15 @@ def status_command(folder: DatasetFolder, as_json: arguments.Json = False) -> No
     store = Store(folder)
     record, there = store.require_record(), len(Table(store))
     failures, name = [*read_failures(store).values()], read_dataset_text(record.text).name
+    size = store.size()
     facts = {
         "name": name,
         "there": there,
         "samples": record.samples,
-        "bytes": store.size(),
+        "bytes": size,
         "failed": [failure.model_dump() for failure in failures],
     }
-    head = (
-        f"{name}: {there} of {counted(record.samples, 'sample')}, {store.size() / 1e6:.3g} MB"
-    )
+    head = f"{name}: {there} of {counted(record.samples, 'sample')}, {size / 1e6:.3g} MB"
     show(facts if as_json else _with_failed(head, failures), as_json)
 
 
@@ -208,7 +207,7 @@ def verify_command(
         remove_faults(store, faults)
     facts = [fault._asdict() for fault in faults]
     show(facts if as_json else fault_sheet(folder, faults, removes), as_json)
-    if any(fault.is_damage for fault in faults):
+    if faults:
         raise typer.Exit(1)
 
 
@@ -314,24 +313,19 @@ def plan_sheet(plan: DatasetPlan, counts: Counts, estimate: Forecast | None) -> 
     return Lines(Text(head, style="bold"), table, *map(Text, below))
 
 
-def _counted(number: int, noun: str) -> str:
-    return f"{number} {noun}{'s' * (number != 1)}"
-
-
 def fault_sheet(folder: str, faults: Sequence[Fault], removed: bool) -> RenderableType:
     """Return the changed files and what to do."""
     if not faults:
         return f"{folder}: every file is unchanged"
-    damaged = [fault for fault in faults if fault.is_damage]
     table = ResultTable(("file", "problem"))
     for fault in faults[:FAULTS_MAX]:
         table.add_row(fault.file, fault.what)
     more = f" (the first {FAULTS_MAX} are shown)" if len(faults) > FAULTS_MAX else ""
-    head = f"{folder}: {counted(len(damaged), 'damaged file')}{more}"
+    head = f"{folder}: {counted(len(faults), 'damaged file')}{more}"
     below = "To recreate missing files, run `mitsuba-sensor dataset run` with the dataset file."
-    if damaged and not removed:
+    if not removed:
         below = f"To remove damaged files, add --remove. {below}"
-    return Lines(Text(head, style="bold"), table, Text(below if damaged else ""))
+    return Lines(Text(head, style="bold"), table, Text(below))
 
 
 def _with_failed(head: str | Text, failed: Sequence[Failure]) -> RenderableType:

@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,8 @@ TEMPLATE = Path(__file__).with_name("card.md.j2")
 SAMPLES_READ_MAX = 200
 """Samples that are read for a card, however many there are."""
 SHEET_LINES_MAX, SHEET_PICTURES_MAX, SHEET_GROUPS_MIN, CAPTION_LINES_MAX = 2000, 64, 8, 3
+GROUPS_WEIGHT = 0.7
+"""A sheet may be twice as long to keep groups together: log 2."""
 CAPTION_PX = (90, 40)
 """Usual width and height of a caption of a contact sheet."""
 VISIBLE_RATIO = 0.1
@@ -89,7 +91,7 @@ def samples_csv(table: Table) -> str:
     writer = csv.DictWriter(text, [*names], restval="", lineterminator="\n")
     writer.writeheader()
     for line in table:
-        cells = {"key": line.key, "split": line.split, "shard": line.shard}
+        cells: Facts = {"key": line.key, "split": line.split, "shard": line.shard}
         cells |= line.exposed | line.values
         cells |= {f"pose.{name}": x for name, x in cells.pop("pose", {}).items()}
         lists = {n: " ".join(map(str, x)) for n, x in cells.items() if isinstance(x, list)}
@@ -178,8 +180,8 @@ def _split_rows(lines: Iterable[Row]) -> list[tuple[str | int, ...]]:
 
 def _noise_rows(facts: Iterable[Facts]) -> list[tuple[Any, ...]]:
     """Return camera, gain, samples, and ranges of K, σ_d, saturation, black and white level; also of each readout."""
-    rows: dict[tuple[str, str], list[tuple[float | None, ...]]] = {}
-    figures: dict[str, Mapping[str, tuple[float | None, float | None]]] = {}
+    rows: dict[tuple[str, str], list[list[float | None]]] = {}
+    figures: dict[str, dict[str, list[float | None]]] = {}
     names = ("overall_system_gain_dn_per_e", "black_level_dn", "white_level_dn")
     for sample in facts:
         config = sample["config"]
@@ -190,39 +192,43 @@ def _noise_rows(facts: Iterable[Facts]) -> list[tuple[Any, ...]]:
         for readout, figures_e in figures[key].items():
             camera = sample["camera"] + (f", readout {readout}" if readout else "")
             gain, *black_and_white = map(levels.get(readout, {}).get, names)
-            row = (gain, *figures_e, *black_and_white)
-            rows.setdefault((camera, str(config["gain"] or "–")), []).append(row)
+            row = [gain, *figures_e, *black_and_white]
+            rows.setdefault((camera, _gain_of(sample)), []).append(row)
     return [
         (*key, len(group), *map(_range, zip(*group, strict=True)))
         for key, group in rows.items()
     ]
 
 
-def _dark_and_full_e(config: Config) -> dict[str, tuple[float | None, float | None]]:
+def _dark_and_full_e(config: Config) -> dict[str, list[float | None]]:
     """Return readout → σ_d and saturation [e-]; the whole frame has an empty name, combined frames have None."""
     camera = camera_from(config["camera"], "of the sample").at_gain(config["gain"])
-    figures_e = {}
-    for name, readout in {"": camera, **camera.readout_cameras}.items():
-        figures = figures_if_any(readout)
-        names = "temporal_dark_noise_e", "saturation_e"
-        figures_e[name] = (getattr(figures, names[0], None), getattr(figures, names[1], None))
-    return figures_e
+    names = "temporal_dark_noise_e", "saturation_e"
+    return {
+        readout: [getattr(figures_if_any(readout_camera), name, None) for name in names]
+        for readout, readout_camera in {"": camera, **camera.readout_cameras}.items()
+    }
 
 
 def _value_rows(facts: Iterable[Facts]) -> list[tuple[Any, ...]]:
     """Return minimum, medians and maximum of the quantiles of each camera at each gain."""
+    names = {
+        "raw frame [DN]": "digital_quantiles_dn",
+        "photoelectrons [e-]": "electrons_quantiles_e",
+    }
     groups: dict[tuple[str, str, str], list[list[float]]] = {}
-    quantities = {"raw frame [DN]": "digital", "photoelectrons [e-]": "electrons"}
-    units = {"digital": "dn", "electrons": "e"}
     for sample in facts:
-        for shown, name in quantities.items():
-            key = sample["camera"], str(sample["config"]["gain"] or "–"), shown
-            groups.setdefault(key, []).append(sample[f"{name}_quantiles_{units[name]}"])
-    rows = []
-    for names, group in groups.items():
-        middle = np.median(group, axis=0)[1:-1].tolist()
-        rows.append((*names, float(np.min(group)), *middle, float(np.max(group))))
-    return rows
+        for quantity, name in names.items():
+            key = sample["camera"], _gain_of(sample), quantity
+            groups.setdefault(key, []).append(sample[name])
+    return [
+        (*key, np.min(group), *np.median(group, axis=0)[1:-1], np.max(group))
+        for key, group in groups.items()
+    ]
+
+
+def _gain_of(sample: Facts) -> str:
+    return str(sample["config"]["gain"] or "–")
 
 
 def _render_noise(facts: Iterable[Facts], render: Config) -> str:
@@ -260,10 +266,7 @@ def less_render_noise(render: Config) -> str:
 
 
 def sheet_rows(store: Store, lines: Sequence[Row]) -> list[SheetRow]:
-    """Return the rows of a nearly square contact sheet; none without previews and raw frames.
-
-    Each scene and view starts a row, unless most have so few samples that scenes follow one another in a row.
-    """
+    """Return the rows of a nearly square contact sheet; none without previews and raw frames."""
     looked_at = evenly_chosen(lines, SHEET_LINES_MAX)
     varied = _varied([line.values for line in looked_at])
     groups: dict[tuple[object, object], list[Row]] = {}
@@ -271,53 +274,42 @@ def sheet_rows(store: Store, lines: Sequence[Row]) -> list[SheetRow]:
         groups.setdefault((line.values.get("scene"), line.values.get("view")), []).append(line)
     longest = max(map(len, groups.values()), default=1)
     chosen = evenly_chosen([*groups], max(SHEET_PICTURES_MAX // longest, SHEET_GROUPS_MIN))
-    labelled: list[tuple[list[str], list[Captioned]]] = []
-    shape = (1, 1)
+    pictures, sizes, aspect = list[Captioned](), list[int](), 1.0
     for scene, view in chosen:
-        pictures = []
-        for line in evenly_chosen(groups[scene, view], SHEET_PICTURES_MAX // len(chosen)):
+        label = [f"{scene}" if view is None else f"{scene}, view {view}"] * (len(chosen) > 1)
+        shown = evenly_chosen(groups[scene, view], SHEET_PICTURES_MAX // len(chosen))
+        for line in shown:
             sample = Sample(store, line)
-            if sample.has(PICTURE) or sample.has(IMAGES["raw"]):
-                preview = sample.read("preview")
-                pictures.append(Captioned(png(preview), caption(line, varied)))
-                shape = preview.shape[:2]
-        if pictures:
-            label = [str(scene)] + ([] if view is None else [f"view {view}"])
-            labelled.append((label, pictures))
-    sizes = [len(pictures) for _, pictures in labelled]
-    shrink = max(-(-max(shape) // SIDE), 1)
-    aspect = max(shape[1] / shrink, CAPTION_PX[0]) / (shape[0] / shrink + CAPTION_PX[1])
-    if sum(sizes) and max(sizes) < columns_of([sum(sizes)], aspect):
-        pictures = [
-            x._replace(caption=[", ".join(label), *x.caption])
-            for label, y in labelled
-            for x in y
-        ]
-        labelled, sizes = [([], pictures)], [len(pictures)]
+            if not sample.has(PICTURE) and not sample.has(IMAGES["raw"]):
+                return []
+            preview = sample.read("preview")
+            pictures.append(Captioned(png(preview), [*label, *caption(line, varied)]))
+            shrink = max(-(-max(preview.shape) // SIDE), 1)
+            rows_px, columns_px = (size / shrink for size in preview.shape[:2])
+            aspect = max(columns_px, CAPTION_PX[0]) / (rows_px + CAPTION_PX[1])
+        sizes.append(len(shown))
     columns = columns_of(sizes, aspect)
-    rows = []
-    for label, pictures in labelled:
-        for first in range(0, len(pictures), columns):
-            last = min(first + columns, len(pictures))
-            place = f"{first + 1} to {last}" if last > first + 1 else f"{last}"
-            shown = [*label, place] if len(pictures) > columns else label
-            rows.append(SheetRow(shown, pictures[first:last]))
-    return rows
+    firsts = range(0, len(pictures), columns)
+    rows = [pictures[first : first + columns] for first in firsts]
+    labels = [
+        f"{first + 1} to {first + len(row)}" for first, row in zip(firsts, rows, strict=True)
+    ]
+    return [SheetRow([label], row) for label, row in zip(labels, rows, strict=True)]
 
 
 def columns_of(sizes: Sequence[int], aspect: float) -> int:
-    """Return the columns of the page nearest to a square, with rows of equal length in the longest group.
+    """Return the columns of a nearly square page, if possible with whole groups or parts of one group in each row.
 
-    sizes : pictures of each group.  aspect : width over height of a cell.
+    sizes : pictures of each group.  aspect : width over height of a picture with its caption.
     """
+    total, size = sum(sizes), max(sizes, default=1)
 
-    def elongation(columns: int) -> float:
-        return abs(math.log(columns * aspect / sum(-(-size // columns) for size in sizes)))
+    def badness(columns: int) -> float:
+        elongation = abs(math.log(columns * aspect / -(-total // columns)))
+        fits = len(sizes) == 1 or size % columns == 0 or columns % size == 0
+        return elongation + GROUPS_WEIGHT * (not fits)
 
-    longest = max(sizes, default=0)
-    return min(
-        (-(-longest // rows) for rows in range(1, longest + 1)), key=elongation, default=1
-    )
+    return min(range(1, total + 1), key=badness, default=1)
 
 
 def _varied(values: Sequence[Config]) -> list[str]:

@@ -21,7 +21,7 @@ from functools import partial
 from itertools import chain
 from multiprocessing import connection, resource_tracker
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple
 
 from ..core import DiskFull, InputError
 from ..files import worker_log
@@ -46,12 +46,10 @@ _ONE_AT_A_TIME = threading.Lock()
 """A Dask worker with several threads makes its tasks one after another: a render uses all its cores."""
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """Outcome of a task.  failed : why it could not be made, or an empty text.  log : last output of its process.
     full : the error of a full disk."""
 
-    task: Task
     failed: str = ""
     log: str = ""
     full: DiskFull | None = None
@@ -80,48 +78,40 @@ class Job:
         return worker_log.place_of(Path(self.folder), task.key)
 
 
-Ended: TypeAlias = tuple[str, str, DiskFull | None]
-"""Why a task has failed, the last output, the error of a full disk."""
-
-
 @dataclass(frozen=True)
 class Pool:
     """submit : starts a task.  capacity : tasks that may be under way.
     check : raises InputError if no worker is left."""
 
-    submit: Callable[[Task], futures.Future[Ended]]
+    submit: Callable[[Task], futures.Future[Outcome]]
     capacity: Callable[[], int]
     check: Callable[[], object] = lambda: None
 
 
-def run_task(job: Job, task: Task) -> Ended:
+def run_task(job: Job, task: Task) -> Outcome:
     """Make a task in this process, and return what went wrong."""
-    store, log = Store(job.folder), job.log_path(task)
-    failed: Ended = ("", "", None)
+    store, log, outcome = Store(job.folder), job.log_path(task), Outcome()
     try:
         with worker_log.captured(log, job.capture), memory_limit(job.memory_gb):
             if task.key not in store.finished():  # another run may have made it meanwhile
                 job.make(store, job.record, task)
-    except DiskFull as error:
-        failed = (str(error), "", error)
     except InputError as error:
-        failed = (str(error), "", None)
+        outcome = Outcome(str(error), full=error if isinstance(error, DiskFull) else None)
     except Exception as error:  # a bug costs one task and not the night
-        failed = (
-            f"{type(error).__name__}: {error}",
-            traceback.format_exc()[-LOG_CHARACTERS_MAX:],
-            None,
-        )
+        printed = traceback.format_exc()[-LOG_CHARACTERS_MAX:]
+        outcome = Outcome(f"{type(error).__name__}: {error}", printed)
     worker_log.forget(log)
-    return failed
+    return outcome
 
 
-def outcomes(tasks: Iterable[Task], job: Job, options: RunOptions) -> Iterator[Outcome]:
+def outcomes(
+    tasks: Iterable[Task], job: Job, options: RunOptions
+) -> Iterator[tuple[Task, Outcome]]:
     """Yield the outcomes of tasks, in the order in which they end. Raises InputError without workers."""
     left = iter(tasks)
     if (first := next(left, None)) is None:  # no process where nothing is missing
         return
-    running: dict[futures.Future[Ended], Task] = {}
+    running: dict[futures.Future[Outcome], Task] = {}
 
     def forget_logs() -> None:
         for task in running.values():
@@ -149,12 +139,12 @@ def outcomes(tasks: Iterable[Task], job: Job, options: RunOptions) -> Iterator[O
                 if why:
                     log = worker_log.end_of(job.log_path(task), LOG_CHARACTERS_MAX)
                     why = worker_log.first_line(log) or why
-                    yield Outcome(task, f"its process died{times} ({why})", log)
+                    yield task, Outcome(f"its process died{times} ({why})", log)
                 else:
-                    yield Outcome(task, *future.result())
+                    yield task, future.result()
 
 
-def _death(future: futures.Future[Ended]) -> tuple[str, bool]:
+def _death(future: futures.Future[Outcome]) -> tuple[str, bool]:
     """Return why the process of a task died (an empty text if it did not), and True if another try may succeed.
 
     Raises InputError if a worker cannot read what it was sent.
@@ -202,8 +192,8 @@ def _pool(job: Job, options: RunOptions) -> AbstractContextManager[Pool]:
     return _processes(job, options["workers"] or usual_workers(), options["timeout_s"])
 
 
-def _made_here(job: Job, task: Task) -> futures.Future[Ended]:
-    future = futures.Future[Ended]()
+def _made_here(job: Job, task: Task) -> futures.Future[Outcome]:
+    future = futures.Future[Outcome]()
     future.set_result(run_task(job, task))
     return future
 
@@ -322,7 +312,7 @@ def _cluster(job: Job, options: RunOptions) -> Iterator[Pool]:
             client.close(timeout=1)
 
 
-def _in_worker(versions: Config, job: Job, task: Task) -> Ended:
+def _in_worker(versions: Config, job: Job, task: Task) -> Outcome:
     """Run a task in a Dask worker. Raises InputError if a library that decides pixels has another version there."""
     for name, version in versions.items():
         if (other := made_by().get(name)) != version:

@@ -278,7 +278,7 @@ class DatasetFile(FileTable):
         description="tables with camera", examples=[[{"camera": "bayer_2mp"}]]
     )
     grid: dict[str, Values] = optional(
-        "values of which every combination is made", {"exposure_s": [0.001, 0.01]}, {}
+        "values whose combinations are all made", {"exposure_s": [0.001, 0.01]}, {}
     )
     list: tuple[dict[str, Value], ...] = optional(
         "values that belong together", [{"exposure_s": 0.01, "gain": 400}], ()

@@ -243,9 +243,9 @@ class Rendered:
 
     def _error_of(self, camera: Camera) -> str:
         """Return which camera's photoelectrons the standard error of the render is for."""
-        rendered_for = self.light.rendered_for
+        rendered_for = self.light.rendered_for and self.light.rendered_for.camera
         efficiency = camera.quantum_efficiency
-        if rendered_for and rendered_for.camera.quantum_efficiency != efficiency:
+        if rendered_for and rendered_for.quantum_efficiency != efficiency:
             return "a detector that is flat over the band"
         return "this camera"
 

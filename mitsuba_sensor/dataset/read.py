@@ -152,14 +152,10 @@ class Sample:
         return _facts(self.content(FACTS), self.place(FACTS))
 
     @cached_property
-    def view(self) -> Facts:
-        """view.json: origin of the files of the light. Raises InputError for a missing file."""
-        return self._json("view.json", "aovs")
-
-    @cached_property
     def noise_budget(self) -> Facts:
         """noise_budget.json: the contribution of each noise source [DN]. Raises InputError for a missing file."""
-        return self._json(BUDGET, "noise_budget")
+        content = self.content(BUDGET, "noise_budget")
+        return json_object(content, self.place(BUDGET), RUN_AGAIN)
 
     @cached_property
     def readouts(self) -> dict[str, NDArray[np.unsignedinteger]]:
@@ -211,9 +207,6 @@ class Sample:
         gain = preview_gain(self.facts["config"]["exposure"]["ev"])
         origin = tuple(self.facts["image"]["origin"])
         return preview(self.read("raw")[0], self.camera, gain, origin)
-
-    def _json(self, name: str, output: str = "") -> Facts:
-        return json_object(self.content(name, output), self.place(name), RUN_AGAIN)
 
 
 @lru_cache(CONTENTS_KEPT)

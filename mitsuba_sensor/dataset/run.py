@@ -182,8 +182,8 @@ class _Run:
         failures = read_failures(store)
         job = Job(str(store.folder), record, self.chosen["memory_gb"])
         self.show(progress)
-        for outcome in outcomes(self._missing(failures), job, self.chosen):
-            self._note(outcome)
+        for task, outcome in outcomes(self._missing(failures), job, self.chosen):
+            self._note(task, outcome)
             self.show(progress)
         self._rewrite_failures()
         self._finish(counts.samples)
@@ -242,9 +242,8 @@ class _Run:
             else:
                 yield task
 
-    def _note(self, outcome: Outcome) -> None:
+    def _note(self, task: Task, outcome: Outcome) -> None:
         """Record the outcome of a task."""
-        task = outcome.task
         if outcome.full is not None:
             raise outcome.full
         if not outcome.failed:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import json
-from bisect import bisect_left
 from collections.abc import Hashable, Iterable, Iterator, Sequence
-from itertools import product
-
-import numpy as np
+from itertools import chain, product, repeat
+from typing import TypeVar
 
 from ..core import InputError
 from .file import DatasetFile, Splits
 from .keys import Facts
 from .sweep import Light, SceneSweep, cells, share_of, values_of_cell
 
+Thing = TypeVar("Thing", bound=Hashable)
 SCENES_MAX = 10**6
 """Scenes, as splits.by distinguishes them."""
 DRAWN_SERIAL = -1
@@ -36,31 +35,26 @@ class SplitOf:
     ) -> None:
         self.file, self.models, self.splits = file, models, file.splits
         self.is_drawn = bool(file.random and "serial" in file.random.values)
-        self._chips: dict[str, Shares] = {}
+        self._chips: dict[tuple[str, int], str] = {}
         if self.splits is None:
             return
         self._block = self.splits.block or 1
         random = file.random.values if file.random else {}
         self._is_by_draw = any(name in random for name in self.splits.by)
         scenes = (scene for sweep in sweeps for scene in self._scenes_of(sweep))
-        self._scenes = Shares(scenes, self.splits, file.seed, "scenes", REMEDY)
+        self._scenes = distributed(scenes, self.splits, file.seed, "scenes", REMEDY)
         if self.is_drawn:
             raise InputError(
                 "splits cannot distribute random serial numbers; give them in [grid] or [[list]], or remove serial and "
                 "set splits.chips."
             )
         if "serial" in file.varied:
+            remedy = "vary serial over more, or give chips = 1"
             for model in dict.fromkeys(models):
-                units = (
-                    (model, serial) for row in sweeps[0].rows for serial in self.given(row)
-                )
-                self._chips[model] = Shares(
-                    units,
-                    self.splits,
-                    file.seed,
-                    f"serial numbers of {model}",
-                    "vary serial over more, or give chips = 1",
-                )
+                rows = sweeps[0].rows
+                units = ((model, serial) for row in rows for serial in self.given(row))
+                what = f"serial numbers of {model}"
+                self._chips |= distributed(units, self.splits, file.seed, what, remedy)
 
     @property
     def names(self) -> list[str]:
@@ -80,7 +74,7 @@ class SplitOf:
             return self.given(row)
         if self._chips:
             model = self.models[camera]
-            return [x for x in self.given(row) if self._chips[model].of((model, x)) == split]
+            return [x for x in self.given(row) if self._chips[model, x] == split]
         chips = self.splits.chips or 1
         first = 1 + chips * self.names.index(split)
         return range(first, first + chips)
@@ -93,7 +87,7 @@ class SplitOf:
         values = {"view": first_pose, **light.values, **sweep.rows[row]}
         if self._is_by_draw:
             values |= sweep.drawn(light.draws[0])
-        return self._scenes.of(self._scene(sweep, values))
+        return self._scenes[self._scene(sweep, values)]
 
     def _scenes_of(self, sweep: SceneSweep) -> Iterator[str]:
         """Yield each scene, as ``by`` distinguishes them, perhaps several times."""
@@ -116,38 +110,26 @@ class SplitOf:
         """Return what distinguishes the scene, as text."""
         assert self.splits is not None
         entry = sweep.entry
-        fixed = {f"parameters.{name}": x for name, x in entry.parameters.items()}
+        fixed: Facts = {f"parameters.{name}": x for name, x in entry.parameters.items()}
         fixed |= {f"traverse.{name}": x for name, x in entry.traverse.items()}
         values = {"scene": entry.name, **fixed, **varied}
         return json.dumps([values.get(name) for name in self.splits.by])
 
 
-class Shares:
-    """The split of each thing: shuffled by the seed, at least one thing for each split, otherwise by the fractions.
-
-    Only the end of each split in the shuffled order is kept.
-    """
-
-    def __init__(
-        self, things: Iterable[Hashable], splits: Splits, seed: int, what: str, remedy: str
-    ) -> None:
-        self.names, self.seed = list(splits.shares), seed
-        shuffled = np.unique(np.fromiter(map(self._place, things), float))
-        total = len(shuffled)
-        if total < len(self.names):
-            raise InputError(
-                f"splits {', '.join(self.names)} need at least {len(self.names)} {what}, and the dataset has {total}; "
-                f"{remedy}."
-            )
-        sizes = split_sizes(total, [splits.shares[name] for name in self.names])
-        self.ends = [float(shuffled[end - 1]) for end in np.cumsum(sizes)]
-
-    def of(self, thing: Hashable) -> str:
-        """Return the split of one of the things."""
-        return self.names[bisect_left(self.ends, self._place(thing))]
-
-    def _place(self, thing: Hashable) -> float:
-        return share_of(self.seed, "split", thing)
+def distributed(
+    things: Iterable[Thing], splits: Splits, seed: int, what: str, remedy: str
+) -> dict[Thing, str]:
+    """Return the split of each thing: shuffled by the seed, at least one thing for each split, otherwise by the
+    fractions. Raises InputError for fewer things than splits."""
+    shuffled = sorted({*things}, key=lambda thing: share_of(seed, "split", thing))
+    names = [*splits.shares]
+    if len(shuffled) < len(names):
+        raise InputError(
+            f"splits {', '.join(names)} need at least {len(names)} {what}, and the dataset has {len(shuffled)}; "
+            f"{remedy}."
+        )
+    sizes = split_sizes(len(shuffled), [*splits.shares.values()])
+    return dict(zip(shuffled, chain.from_iterable(map(repeat, names, sizes)), strict=True))
 
 
 def split_sizes(total: int, shares: Sequence[float]) -> list[int]:

@@ -165,10 +165,6 @@ class Store:
         """Return the size of all shards [bytes]."""
         return sum((self.shards / x.name).stat().st_size for x in self.finished().values())
 
-    def remove(self, shard: Shard) -> None:
-        """Remove a shard; a run recreates it."""
-        durable.remove_file(self.shards / shard.name)
-
     def put_aside(self, shard: Shard) -> None:
         """Move a shard into EARLIER, which is not read."""
         durable.move_lasting(self.shards / shard.name, self.folder / EARLIER / shard.name)

@@ -244,19 +244,11 @@ def _name_of(column: str) -> str:
     return column.rpartition(" (")[0] if column.endswith(")") else column
 
 
-What = Literal["changed", "missing", "no shard"]
-
-
 class Fault(NamedTuple):
-    """A file of the folder.  what : "no shard" is a file among the shards that no run wrote."""
+    """A damaged file of the folder."""
 
     file: str
-    what: What
-
-    @property
-    def is_damage(self) -> bool:
-        """Return True if samples are lost or wrong."""
-        return self.what != "no shard"
+    what: Literal["changed", "missing"]
 
 
 def verify(
@@ -271,17 +263,11 @@ def verify(
     content = durable.read_small(store.folder / RECORD, 2**26)
     if record_of(content) is None:
         faults.append(Fault(RECORD, "changed" if content else "missing"))
-    names = {shard.name for shard in shards.values()}
-    for name in durable.names_of(store.shards):
-        if name not in names and not name.startswith(durable.SCRATCH):
-            faults.append(Fault(f"{SHARDS}/{name}", "no shard"))
     for number, shard in enumerate(shards.values()):
         now(number, len(shards))
         if not store.is_sound(shard):
             faults.append(Fault(f"{SHARDS}/{shard.name}", "changed"))
-    if not any(fault.is_damage for fault in faults):
-        faults += _faults_of_table(store)
-    return faults
+    return faults or _faults_of_table(store)
 
 
 def _faults_of_table(store: Store) -> list[Fault]:
@@ -304,7 +290,7 @@ def remove_faults(store: Store, faults: list[Fault]) -> None:
     """Remove changed shards and a changed table, and write the record again."""
     record = store.record()
     for fault in faults:
-        if fault.is_damage and fault.file != RECORD:
+        if fault.file != RECORD:
             durable.remove_file(store.folder / fault.file)
     if record is not None:
         store.write_record(record)

@@ -1,4 +1,4 @@
-"""Workers of a Dask cluster: what they make has the bytes of this machine, and what cannot be said so is refused."""
+"""Workers of a Dask cluster make the same bytes as this machine; other versions are rejected."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["no_renders"]
 
 @pytest.fixture
 def address() -> Iterator[str]:
-    """Of a scheduler in this process, with two workers of two threads."""
+    """Start a scheduler in this process, with two workers of two threads."""
     import distributed
 
     quiet: Any = {"processes": False, "dashboard_address": None, "memory_limit": 0}
@@ -32,7 +32,7 @@ def address() -> Iterator[str]:
 
 
 def make(out: Path, **options: Any) -> dict[str, str]:
-    """Run the dataset of 40 lights; what is there then."""
+    """Run the dataset of 40 lights, and return its contents."""
     run(plan_of(grid=LIGHTS), out, progress=False, **options)
     return {name: x for name, x in contents(out).items() if durable.SCRATCH not in name}
 

@@ -1,4 +1,4 @@
-"""What a run would refuse, a plan refuses, with the same sentence; what a plan lets pass, a run makes."""
+"""A plan rejects what a run rejects, with the same sentence; a run makes what a plan accepts."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ ABSURD: tuple[Any, ...] = (
     *([], [1], ["x", "x"], [math.nan], [[1, 2], [3, 4]], {}, {"x": 1}, {"x": {"y": [1]}}),
 )
 LONGEST = 700
-"""Characters of a sentence, most of them of lists of names."""
+"""Characters of a sentence, mostly lists of names."""
 NEVER: dict[str, tuple[dict[str, Any], str]] = {
     "width of a million": ({"render": {"width": 10**6}}, "from 1 to the film's own 8"),
     "a film beyond the sensor": (
@@ -202,7 +202,7 @@ def scenes(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def places(table: Any, at: Place = ()) -> Iterator[Place]:
-    """Of every value in tables and lists."""
+    """Yield the place of every value in tables and lists."""
     inner: Any = ()
     if isinstance(table, dict):
         inner = table.items()
@@ -214,7 +214,7 @@ def places(table: Any, at: Place = ()) -> Iterator[Place]:
 
 
 def changed(place: Place, *value: Any) -> dict[str, Any]:
-    """The right tables with another value at a place, or without it."""
+    """Return the right tables with another value at a place, or without it."""
     tables = copy.deepcopy(RIGHT)
     inner: Any = tables
     for name in place[:-1]:
@@ -231,14 +231,14 @@ def plan_of(tables: dict[str, Any], scenes: Path) -> DatasetPlan:
 
 
 def counts_of(plan: DatasetPlan) -> Counts:
-    """As `dataset plan` counts."""
+    """Count as `dataset plan` does."""
     counts = checked_counts(plan)
     check_scenes(plan)
     return counts
 
 
 def refusal(ask: Callable[[], object]) -> str:
-    """The sentence of an error, an empty text where there is none."""
+    """Return the sentence of an error, or an empty text."""
     try:
         ask()
     except InputError as error:
@@ -252,7 +252,7 @@ def refusal(ask: Callable[[], object]) -> str:
 def test_whatever_a_field_is_a_plan_and_a_run_refuse_it_with_one_sentence(
     seed: int, files: int, scenes: Path, tmp_path: Path
 ) -> None:
-    """One of 80 fields is left out or has one of 32 absurd values, in 315 files."""
+    """Each of 315 files lacks one of 80 fields, or has one of 32 absurd values there."""
     chance, refused, out = random.Random(seed), 0, tmp_path / "out"
     for _ in range(files):
         place = chance.choice([*places(RIGHT)])

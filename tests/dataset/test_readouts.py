@@ -67,7 +67,7 @@ def test_a_sample_has_its_readouts_and_what_they_are_combined_to(
 
 
 def test_the_card_has_the_noise_of_each_readout(dataset: ms.Dataset) -> None:
-    """As the figures of its camera say; those of the combined frame are no camera's."""
+    """As in the EMVA metrics of its camera; the combined frame has no metrics."""
     rows = [
         line.split(" | ")
         for line in (dataset.folder / "README.md").read_text("utf-8").splitlines()
@@ -122,7 +122,7 @@ grid = { exposure_s = [0.004] }
 def test_a_camera_with_polarisers_beside_another_sees_what_it_sees_alone(
     tmp_path: Path,
 ) -> None:
-    """As `capture` has it, with and without polarisation: each dataset is near its own and far from the other."""
+    """With and without polarisation, each dataset agrees with its own capture and differs from the other."""
     options: Any = {"spp": 1024, "width": 24, "denoise": False, "seed": 1, "clean": True}
     alone, seen = {}, {}
     for ignore in (False, True):
@@ -167,7 +167,7 @@ def test_dual_pixels_have_a_render_of_their_own(tmp_path: Path) -> None:
 
 @pytest.mark.exhaustive
 def test_samples_have_both_photodiodes_which_see_different_halves(tmp_path: Path) -> None:
-    """Differences of left and right are far above those of two photodiodes in the same light (shot noise of 4 % and
+    """Left and right differ far more than two photodiodes in the same light (shot noise of 4 % and
     less): so few light paths differ."""
     assert not make_dataset(written(tmp_path, HALVES), tmp_path / "out", workers=0).failed
     (sample,) = (one for one in ms.Dataset(tmp_path / "out") if one.has("readouts.tiff"))

@@ -1,4 +1,4 @@
-"""Rigs and times of datasets: each pose is seen by each sensor of a scene, at a time of its own.
+"""Rigs and times of datasets: each sensor of a scene sees each pose, at its own time.
 
 Oracles: poses by their definition, a ball that moves evenly, a lamp that flickers. test_exports.py exports rigs.
 """
@@ -45,7 +45,7 @@ TABLES: dict[str, Any] = {
 
 
 def written(folder: Path, tables: dict[str, Any] | None = None, **scene: Any) -> Path:
-    """The file of a dataset of one scene with two sensors."""
+    """Write the file of a dataset with one scene and two sensors."""
     (folder / "pair.xml").write_text(SCENE, "utf-8")
     entry = {"name": "pair", "file": "pair.xml", **scene}
     (folder / "rig.toml").write_text(
@@ -64,7 +64,7 @@ def made(folder: Path, tables: dict[str, Any] | None = None, **scene: Any) -> li
 
 
 def test_each_pose_is_seen_by_each_sensor_at_its_time(tmp_path: Path) -> None:
-    """What moves is where it is then; sensors are other sensor units, with other noise."""
+    """A moving object has its place at this time; sensors are different sensor units, with different noise."""
     samples = made(tmp_path, sensors="all", motion=MOVES, path={"views": 2, "keys": KEYS[:2]})
     assert [(x.values["view"], x.values["sensor"], x.values["time_s"]) for x in samples] == [
         (view, sensor, 1 + view / 2) for view in range(2) for sensor in ("left", "right")
@@ -107,7 +107,7 @@ def test_lamps_flicker_on_from_view_to_view(tmp_path: Path) -> None:
 
 
 def test_sensors_are_placed_named_and_listed_as_the_file_says(tmp_path: Path) -> None:
-    """By id or number, in the order given; a parameter of the scene moves one beside the other."""
+    """Sensors are named by id or number, in the given order; a parameter of the scene moves one of them."""
     tables = {"grid": {"parameters.baseline": [0.1, 0.3], "exposure_s": [1e-4]}}
     view = {"origin_m": [0, 2, 0], "target_m": [0, 0, 0], "up": [0, 0, 1]}
     poses = [
@@ -128,31 +128,16 @@ def test_sensors_are_placed_named_and_listed_as_the_file_says(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("scene", "sentence"),
     [
+        ({"sensors": ["left", "0"]}, r"sensors names 'left' twice"),
+        ({"sensors": "lefft"}, r"no sensor 'lefft'.*Did you mean 'left'"),
         (
-            {"sensors": ["left", "0"]},
-            r"scene 'pair' of the dataset: sensors names 'left' twice",
-        ),
-        (
-            {"sensors": "lefft"},
-            r"no sensor 'lefft'; its sensors are left, right\. Did you mean 'left'",
-        ),
-        ({"sensors": []}, r"sensors is empty; give names or all"),
-        (
-            {
-                "sensors": "all",
-                "motion": {"camera": {"keys": [KEYS[0], KEYS[1]]}},
-            },
+            {"sensors": "all", "motion": {"camera": {"keys": KEYS[:2]}}},
             r"the motion has a pose of the camera in the world, where all 2 sensors",
         ),
         ({"views": [{"up": [0, 1, 0]}]}, r"a pose needs origin_m and target_m"),
-        ({"views": [{}]}, r"must have origin_m and target_m, or time_s, or both"),
         (
             {"path": {"views": 2, "keys": [{"time_s": 0}, KEYS[0]]}},
             r"keys of a path need origin_m and target_m.*or all of them only time_s",
-        ),
-        (
-            {"views": [{"origin_m": [0, 0, 3], "target_m": [0, 0, 0]}] * 2},
-            r"are the same: scenes\.0\.views\.0 and scenes\.0\.views\.1; .* another time_s",
         ),
         ({"views": [{"time_s": 1}, {"time_s": 1}]}, r"are the same: scenes\.0\.views\.0 and"),
         (

@@ -1,4 +1,4 @@
-"""What a dataset file may read: whatever it names; where somebody else wrote it, nothing outside of some folders."""
+"""Files that a dataset file may read: any named file; with --untrusted only files in some folders."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def test_the_curves_of_a_camera_are_below_the_roots(how: str, folder: Path) -> N
 
 @pytest.mark.parametrize("how", ["..", "absolute", "link"])
 def test_a_scene_elsewhere_is_read_where_the_file_is_trusted(how: str, folder: Path) -> None:
-    """And has the same keys wherever the folders are."""
+    """Untrusted files are rejected."""
     place = folder / "scene.xml"
     place.rename(folder.parent / "out" / "other.xml")
     name = {"..": "../out/other.xml", "absolute": f"{folder.parent}/out/other.xml"}.get(

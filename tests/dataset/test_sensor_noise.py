@@ -1,4 +1,4 @@
-"""The noise of a camera on images: equal to expose, unbiased, of the stated variance, the same for the same number."""
+"""Noise of a camera on images: equal to expose, unbiased, with the stated variance, the same for the same number."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GREY = RNG.uniform(0.0, 5000.0, (20, 31)).astype(np.float32)
 
 
 class Tensor:
-    """What of PyTorch's tensors is used."""
+    """The used methods of PyTorch's tensors."""
 
     def __init__(self, array: np.ndarray) -> None:
         self.array = array
@@ -58,7 +58,7 @@ class Tensor:
 def test_it_is_expose_bit_for_bit(
     camera: ms.Camera, image: np.ndarray, options: dict[str, Any]
 ) -> None:
-    """Of the same photons, chip, gain and seed, which the result says."""
+    """For the same photons, sensor unit, gain and seed, which the result reports."""
     noise = ms.SensorNoise(camera, exposure=ms.Exposure(0.02), **options)
     found = noise(image, sample=4)
     (draw,) = found.draws
@@ -96,7 +96,7 @@ def test_mean_and_variance_are_those_of_theory_and_of_photon_transfer() -> None:
 
 @pytest.mark.parametrize("values", [exhaustive("linear"), "srgb", "electrons"])
 def test_a_developed_image_has_the_values_that_came_in(values: str) -> None:
-    """A flat image, 60 frames: to 5 standard errors of its mean (and of the curve's bend, 0.002)."""
+    """60 flat images: within 5 standard errors of the mean (and 0.002 for the bend of the curve)."""
     scale = 2000.0 if values == "electrons" else 1.0
     flat = np.ones((40, 40, 3), np.float32) * np.array([0.8, 0.6, 0.5], np.float32) * scale
     white_e = None if values == "electrons" else 2000.0
@@ -112,7 +112,7 @@ def test_a_developed_image_has_the_values_that_came_in(values: str) -> None:
 
 
 def test_srgb_is_taken_through_the_inverse_of_its_curve() -> None:
-    """Linear light and the same behind the curve give the same frame; integers of 8 bits are 255 times the floats."""
+    """Linear light and the same light after the curve give the same frame; 8-bit integers are 255 times the floats."""
     eight = RNG.integers(0, 256, (24, 24, 3), dtype=np.uint8)
     encoded = (eight / 255).astype(np.float32)
     frames = [
@@ -147,7 +147,7 @@ def test_the_same_number_is_the_same_image_alone_in_a_batch_and_in_another_proce
 
 
 def test_chips_gains_and_brightness_are_drawn_from_their_ranges() -> None:
-    """2000 draws: means of serial and ln(white) within 5 standard errors, every gain at least 600 times of 2000."""
+    """In 2000 draws the means of serial and ln(white) are within 5 standard errors; each gain occurs 600 times."""
     noise = ms.SensorNoise(
         "sony_a7s2", white_e=(10.0, 1000.0), serial=(5, 104), gain=[100, 1600], seed=1
     )
@@ -164,7 +164,7 @@ def test_chips_gains_and_brightness_are_drawn_from_their_ranges() -> None:
 
 @pytest.mark.parametrize("kind", [np.uint8, np.int64, np.float16, np.float32])
 def test_a_tensor_comes_back_as_a_tensor_of_more_than_its_own_few_bits(kind: type) -> None:
-    """Codes of 12 bits do not fit into 8, nor above 2048 into a float of 16."""
+    """12-bit codes do not fit into 8 bits, and codes above 2048 not into a 16-bit float."""
     image = (GREY * 2.5).astype(kind)
     noise = ms.SensorNoise(MONO, values="electrons")
     found, expected = noise(Tensor(image)), noise(image)
@@ -176,7 +176,7 @@ def test_a_tensor_comes_back_as_a_tensor_of_more_than_its_own_few_bits(kind: typ
 
 
 def test_a_developed_image_is_odd_about_black_behind_the_curve() -> None:
-    """Darkness in three series: values on both sides of 0 are equally far from it, to 5 standard errors."""
+    """In the dark, values on both sides of 0 are equally far from it, within 5 standard errors."""
     noise = ms.SensorNoise(
         MONO.without("prnu"), values="srgb", white_e=100.0, output="developed"
     )
@@ -227,7 +227,7 @@ def test_what_does_not_fit_is_one_sentence(
 
 
 def test_small_and_large_images_and_a_camera_of_a_file(tmp_path: Path) -> None:
-    """Larger than the sensor; with and without pixels of every colour; what a result shows of itself."""
+    """Images larger than the sensor; with and without pixels of every colour; the repr of a result."""
     path = tmp_path / "mine.toml"
     path.write_text(MONO.replace(**{"sensor.rows": 8, "sensor.columns": 8}).to_toml())
     assert ms.SensorNoise(path, values="electrons")(GREY).image.shape == GREY.shape
@@ -242,7 +242,7 @@ def test_small_and_large_images_and_a_camera_of_a_file(tmp_path: Path) -> None:
 
 
 def test_saturated_images_are_told_once_of_a_transform_and_noted_each_time() -> None:
-    """A white of ten full wells; half a full well is silent."""
+    """White at ten full wells gives a note; white at half a full well does not."""
     camera = ms.load_camera("sony_imx174")
     image = np.full((8, 8), 0.9)
     too_bright = ms.SensorNoise(camera, white_e=10 * camera.pixel.full_well_e)
@@ -260,7 +260,7 @@ def test_saturated_images_are_told_once_of_a_transform_and_noted_each_time() -> 
 
 
 def test_a_developed_picture_of_8_bits_is_one_of_8_bits_again() -> None:
-    """In bright light within five standard deviations of shot noise of what came in; floats stay floats."""
+    """In bright light the image is within five standard deviations of shot noise; floats stay floats."""
     grey = np.full((16, 16, 3), 128, np.uint8)
     noise = ms.SensorNoise(BAYER, values="srgb", white_e=20_000, output="developed", seed=4)
     found, floats = noise(grey).image, noise((grey / 255).astype(np.float32)).image

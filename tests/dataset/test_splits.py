@@ -1,4 +1,4 @@
-"""Splits share neither a scene nor a chip, whatever is varied."""
+"""Splits share neither a scene nor a sensor unit, whatever varies."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ KEYS = [
 
 
 def sets_of(plan: DatasetPlan) -> dict[str, tuple[set[Any], set[Any]]]:
-    """Split → its scenes, as the file tells them apart, and its chips."""
+    """Return split → its scenes, as the file distinguishes them, and its sensor units."""
     assert plan.file.splits is not None
     found: dict[str, tuple[set[Any], set[Any]]] = {}
     for task in plan.tasks():
@@ -32,7 +32,7 @@ def sets_of(plan: DatasetPlan) -> dict[str, tuple[set[Any], set[Any]]]:
 
 
 def scenes_of(number: int) -> list[dict[str, Any]]:
-    """Scenes that differ."""
+    """Return different scenes."""
     return [
         {"name": f"s{k}", "file": "flat_field.xml", "parameters": {"exposure_s": k + 1}}
         for k in range(number)
@@ -69,7 +69,7 @@ def random_tables(rng: random.Random) -> dict[str, Any]:
 
 @pytest.mark.parametrize(("datasets", "fewest_refused"), [(40, 2), exhaustive(160, 16)])
 def test_no_two_splits_share_a_scene_or_a_chip(datasets: int, fewest_refused: int) -> None:
-    """Random datasets; those with too few scenes or chips are refused in a sentence that says what to do."""
+    """Random datasets; too few scenes or sensor units are rejected with a remedy."""
     rng, made, refused = random.Random(17), 0, 0
     for _ in range(datasets):
         tables = random_tables(rng)
@@ -96,7 +96,7 @@ def test_the_shares_are_those_asked_for(scenes: int) -> None:
 
 
 def path_tables(views: int, block: int | None, **shares: float) -> dict[str, Any]:
-    """A scene on a path, whose poses are dealt out."""
+    """Return a scene whose poses on a path are distributed to splits."""
     splits = {"shares": shares, "by": ["scene", "view"], **({"block": block} if block else {})}
     scene = {**TABLES["scenes"][0], "path": {"views": views, "keys": KEYS}}
     return {"scenes": [scene], "splits": splits, "grid": {"exposure_s": [0.1, 0.2]}}
@@ -104,7 +104,7 @@ def path_tables(views: int, block: int | None, **shares: float) -> dict[str, Any
 
 @pytest.mark.parametrize(("views", "block"), [(60, 5), (64, 5), (55, 1), (55, None)])
 def test_poses_are_dealt_out_in_blocks_of_neighbours(views: int, block: int | None) -> None:
-    """By the shares; the seed decides which. A pose is in one split with its exposures; it has its number and place."""
+    """The seed chooses blocks by the fractions. A pose is in one split with its exposures, number and place."""
     dealt, size = list[list[str]](), block or 1
     for seed in (1, 2):
         tables = {**path_tables(views, block, train=0.7, val=0.15, test=0.15), "seed": seed}

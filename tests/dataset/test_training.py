@@ -1,4 +1,4 @@
-"""The example of a denoiser learns on a small dataset, and what it learned holds for scenes that it has not seen."""
+"""The denoiser example learns on a small dataset, and denoises scenes that it has not seen."""
 
 from __future__ import annotations
 

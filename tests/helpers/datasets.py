@@ -1,4 +1,4 @@
-"""Small datasets for tests, and tasks that are made without a render."""
+"""Small datasets for tests, and tasks that need no render."""
 
 import hashlib
 import json
@@ -19,7 +19,7 @@ from mitsuba_sensor.dataset.store import Record, Store
 from mitsuba_sensor.files.shipped_scenes import scenes_folder
 
 SCENES = scenes_folder()
-"""Of the package: a scene of a checkout beside an installed package would be the user's own."""
+"""Scenes of the package: a scene of a checkout next to an installed package would be the user's own."""
 TABLES: dict[str, Any] = {
     "name": "small",
     "render": {"spp": 16, "width": 16},
@@ -31,7 +31,7 @@ LIGHTS = {"parameters.radiance": [1e-4 * k for k in range(1, 41)], "exposure_s":
 
 
 def toml_text(tables: dict[str, Any]) -> str:
-    """TOML of tables, each value on its line."""
+    """Return tables as TOML, with a line for each value."""
     return "\n".join(f"{name} = {_inline(value)}" for name, value in tables.items()) + "\n"
 
 
@@ -44,7 +44,7 @@ def _inline(value: Any) -> str:
 
 
 def plan_of(*roots: Path, untrusted: bool = False, **tables: Any) -> DatasetPlan:
-    """The small dataset with these tables."""
+    """Return the plan of the small dataset with these tables."""
     text = toml_text({**TABLES, **tables})
     return DatasetPlan(
         read_dataset_text(text, "the tables"), Folders(roots or [SCENES], untrusted), text
@@ -52,17 +52,17 @@ def plan_of(*roots: Path, untrusted: bool = False, **tables: Any) -> DatasetPlan
 
 
 def tasks_of(**tables: Any) -> list[Task]:
-    """Its tasks."""
+    """Return the tasks of the small dataset."""
     return [*plan_of(**tables).tasks()]
 
 
 def samples_of(tasks: list[Task]) -> list[PlannedSample]:
-    """The samples of tasks, in the order of the file."""
+    """Return the samples of tasks, in the order of the file."""
     return sorted((x for task in tasks for x in task.samples), key=lambda x: x.number)
 
 
 def make_quickly(store: Store, record: Record, task: Task) -> None:
-    """Commit a task whose files follow from its keys: no render."""
+    """Commit a task whose files follow from its keys, without a render."""
     exposed = {"exposed_s": 0.1, "system_gain_dn_per_e": 0.5, "black_level_dn": 1.0}
 
     def samples() -> Any:
@@ -75,13 +75,13 @@ def make_quickly(store: Store, record: Record, task: Task) -> None:
 
 
 def make_slowly(store: Store, record: Record, task: Task) -> None:
-    """The same, in a tenth of a second."""
+    """Commit a task in a tenth of a second."""
     time.sleep(0.1)
     make_quickly(store, record, task)
 
 
 def make_badly(store: Store, record: Record, task: Task) -> None:
-    """What goes wrong is said by the radiance of the light, in 1e-4: it is made, or not."""
+    """Commit a task, or fail as the radiance of its light [1e-4] says."""
     what = round(
         task.config["parameters"]["radiance"]
         and 1e4 * float(task.config["parameters"]["radiance"])
@@ -96,7 +96,7 @@ def make_badly(store: Store, record: Record, task: Task) -> None:
     if what == 5:
         time.sleep(600)
     if what == 6:
-        held = bytearray(1_500_000_000)
+        held = bytearray(900_000_000)
         time.sleep(600)
         assert held
     make_quickly(store, record, task)
@@ -104,7 +104,7 @@ def make_badly(store: Store, record: Record, task: Task) -> None:
 
 @pytest.fixture
 def no_renders(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
-    """Tasks of runs are made by :func:`make_quickly`, and nothing is written for people."""
+    """Let runs use :func:`make_quickly`, and write nothing for people."""
     monkeypatch.setattr(run, "Job", lambda *given: Job(*given, make=make_quickly))
     monkeypatch.setattr(run, "check_scenes", lambda plan: None)
     monkeypatch.setattr(card, "write_overview", lambda *given: "")
@@ -112,7 +112,7 @@ def no_renders(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 
 def contents(folder: Path) -> dict[str, str]:
-    """Name → hash of every file below a folder."""
+    """Return name → hash of every file below a folder."""
     return {
         path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
         for path in sorted(folder.rglob("*"))

@@ -1,4 +1,4 @@
-"""Small datasets as exports need them: a path of two sensors, variants of a world, spectra and AOVs."""
+"""Small datasets for exports: a path of two sensors, variants of a world, spectra and AOVs."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ chips = 1
 
 
 def write_scenes(folder: Path) -> None:
-    """perspective.xml with two sensors, and orthographic.xml with one."""
+    """Write perspective.xml with two sensors, and orthographic.xml with one."""
     left = SENSOR.format(type="perspective", name="left", fov=FOV.format(50), x=0)
     right = SENSOR.format(type="perspective", name="right", fov=FOV.format(45), x=BASELINE_M)
     flat = SENSOR.format(type="orthographic", name="flat", fov="", x=0)
@@ -52,7 +52,7 @@ def write_scenes(folder: Path) -> None:
 
 
 def made_dataset(folder: Path, text: str = FLIGHT) -> Path:
-    """A dataset that is made in ``folder`` of a file with this text, and of the two scenes."""
+    """Make a dataset from this text and the two scenes in ``folder``."""
     write_scenes(folder)
     (folder / "dataset.toml").write_text(text, "utf-8")
     found = make_dataset(folder / "dataset.toml", folder / "made", roots=[folder], workers=0)
