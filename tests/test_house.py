@@ -484,9 +484,9 @@ TOKENS_MAX = {
     "bench": 23287,
     "benchmarks": 24924,
     "camera": 25127,
-    "cli": 21412,
+    "cli": 21369,
     "core": 24260,
-    "dataset": 43348,
+    "dataset": 42983,
     "examples": 8792,
     "files": 18701,
     "gradient": 4239,
@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13828,
     "stages": 31946,
     "study": 9186,
-    "tests": 341370,
+    "tests": 340774,
     "theory": 14642,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
