@@ -85,7 +85,8 @@ def _drawn(picture: Picture, **options: Any) -> bytes:
             )
         if options["format"] == "png":
             axes.set_title(picture.title, loc="left", fontsize=10.5)
-        box = figure.get_tightbbox(FigureCanvasAgg(figure).get_renderer())
+        renderer = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
+        box = figure.get_tightbbox(renderer)
         figure.savefig(buffer, bbox_inches=box.padded(MARGIN_IN), **options)
     return buffer.getvalue()
 

@@ -128,7 +128,9 @@ def _electrons_per_radiance(
     low_nm, high_nm = centres_nm - widths_nm / 2, centres_nm + widths_nm / 2
     weights = np.empty((centres_nm.size, NODES.size, len(camera.filter_names)))
     for band, node in np.ndindex(weights.shape[:2]):
-        detected = _detected_of_node(camera, node, centres_nm[band], widths_nm[band])
+        detected = _detected_of_node(
+            camera, node, float(centres_nm[band]), float(widths_nm[band])
+        )
         limits_nm = low_nm[[band]], high_nm[[band]]
         weights[band, node] = band_integrals(detected, points_nm, *limits_nm)[:, 0]
     detected_nm = band_integrals(lambda nm: camera.qe(nm) * nm, points_nm, low_nm, high_nm)
