@@ -72,7 +72,7 @@ WRONG: dict[str, tuple[Callable[[np.ndarray], Any], str]] = {
     "NaN": (spoil_one(math.nan), "NaN or infinite"),
     "infinite": (spoil_one(-math.inf), "NaN or infinite"),
     "huge": (spoil_one(1e300), "values up to"),
-    "tiny": (lambda values: values * 1e-160, "largest is from"),
+    "tiny": (lambda values: values * 1e-160, "largest value is from"),
     "complex": (lambda values: values + 0j, "complex"),
     "masked": (lambda values: np.ma.masked_less(values, np.median(values)), "masked"),
     "empty": (lambda values: values[:0], "has shape|has 0 values|images of 0 ×"),
