@@ -147,12 +147,12 @@ def has_interval(figure: Quantity) -> bool:
 def with_digits(figure: Quantity, said: float | None) -> list[object]:
     """Return value, low, high and the datasheet's value; half the width of the interval has two digits.
 
-    A limit is shown as ``< 3.2`` or ``> 3.2``.
+    A limit is shown as ``< 3.2`` or ``≥ 3.2``.
     """
     if figure.is_bound:
         return [f"< {figure.high:.4g}", None, None, said]
     if math.isinf(figure.high) and math.isfinite(figure.value):
-        return [f"> {figure.value:.4g}", None, None, said]
+        return [f"≥ {figure.value:.4g}", None, None, said]
     if not has_interval(figure):
         return [None, None, None, said]
     numbers: list[Any] = [figure.value, figure.low, figure.high, said]

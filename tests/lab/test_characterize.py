@@ -141,7 +141,7 @@ def test_a_standard_deviation_that_should_be_0_is_judged_by_its_square() -> None
 
 
 @pytest.mark.parametrize(
-    ("interval", "shown"), [((np.nan, 0.0, 3.2), "< 3.2"), ((3e4, 3e4, np.inf), "> 3e+04")]
+    ("interval", "shown"), [((np.nan, 0.0, 3.2), "< 3.2"), ((3e4, 3e4, np.inf), "≥ 3e+04")]
 )
 def test_a_limit_is_shown_as_one_and_not_judged(
     interval: tuple[float, float, float], shown: str
