@@ -494,12 +494,12 @@ TOKENS_MAX = {
     "optics": 17358,
     "output": 24796,
     "pages": 3460,
-    "render": 79068,
+    "render": 79077,
     "reproduction": 10885,
     "sensor": 13828,
     "stages": 31946,
     "study": 9186,
-    "tests": 340774,
+    "tests": 340786,
     "theory": 14642,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
