@@ -86,6 +86,22 @@ def test_frames_that_show_no_gain_write_nothing(frames: Path, tmp_path: Path) ->
     assert not list(tmp_path.glob("mine*"))
 
 
+def test_a_comparison_says_what_the_datasheet_is_of_and_what_it_lacks(
+    frames: Path, tmp_path: Path
+) -> None:
+    """At the exposure of the flat fields; η needs the wavelength of the light."""
+    for path in frames.glob("*.npy"):
+        (tmp_path / path.name).symlink_to(path)
+    manifest = (frames / "bench.toml").read_text("utf-8").replace("wavelength_nm = 550", "")
+    (tmp_path / "bench.toml").write_text(manifest, "utf-8")
+    asked = ["--frames", str(tmp_path), "--camera", "konnik_table1", "-o", str(tmp_path)]
+    found = CliRunner().invoke(app, ["characterize", *asked])
+    text = " ".join(found.output.split())
+    assert "the numbers of konnik_table1 at 0.01 s and 298.15 K; σ_d includes" in text, text
+    assert "η is not compared" in text and "give --wavelength-nm 525" in text
+    assert "temporal noise are measured without the stacks of many frames" in text
+
+
 DUAL_GAIN = ms.load_camera("scmos_dual_gain")
 KELVIN = 228.15
 
