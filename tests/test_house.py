@@ -493,13 +493,13 @@ TOKENS_MAX = {
     "lab": 69045,
     "optics": 17358,
     "output": 24796,
-    "pages": 3460,
-    "render": 79077,
+    "pages": 3526,
+    "render": 79082,
     "reproduction": 10885,
     "sensor": 13828,
     "stages": 31946,
     "study": 9186,
-    "tests": 340786,
+    "tests": 341198,
     "theory": 14642,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
