@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13828,
     "stages": 31946,
     "study": 9186,
-    "tests": 341343,
+    "tests": 341344,
     "theory": 14642,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
