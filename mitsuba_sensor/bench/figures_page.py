@@ -59,11 +59,12 @@ def characterized(
     name: str,
     measured: Sequence[Measurement],
     datasheet: Datasheet,
+    remarks: Sequence[str] = (),
     **about: object,
 ) -> Study:
     """Return the study of one camera.
 
-    datasheet : empty if only frames are known.
+    datasheet : empty if only frames are known.  remarks : further findings.
     about : further facts for the page and report.json.
     """
     sheets = [of_filter(datasheet, part.filter_name) for part in measured]
@@ -75,9 +76,13 @@ def characterized(
             {**figure.to_dict(), **beside_datasheet(figure, sheet)}
             for figure in part.figures.values()
         ]
-        remarks = {"notes": part.notes, "refused": part.refused}
-        figures[part.filter_name or "all pixels"] = {"figures": rows, **remarks}
+        figures[part.filter_name or "all pixels"] = {
+            "figures": rows,
+            "notes": part.notes,
+            "refused": part.refused,
+        }
     sections = [filter_section(part, sheet, limit) for part, sheet in parts]
+    sections.append(Section(tuple(remarks), True, ()))
     data = {"measured": figures, "z_limit": limit, **about}
     return study_of("characterize", f"EMVA 1288 figures of {name}", sections, **data)
 

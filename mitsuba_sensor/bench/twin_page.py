@@ -27,10 +27,12 @@ from ..lab.measure.line_noise import line_noise
 from ..lab.quantity import Quantity
 from ..lab.statistics.estimators import z_limit
 from ..lab.twin import Twin
+from ..lab.twin.fit import HELD_OUT_OF_MIN
 from ..pages.page import Drawing, Mark, MarkedRow, Plot, Section, Study, line, study_of, table
 
 DEFAULT_TEMPERATURE_K = 298.15
 """Temperature of frames that do not state theirs, as in a camera file."""
+NOT_COMPARED = f"not compared with held-out frames; needs {HELD_OUT_OF_MIN} in a stack"
 SEED = 1288
 STACKS_MAX = 4
 """Held-out stacks that are compared: the shortest and the longest dark, and the flats with most frames."""
@@ -143,7 +145,8 @@ def readouts_study(studies: Mapping[str, Study], camera: ms.Camera, **about: obj
         findings = tuple(f"{name}: {finding}" for finding in study.findings)
         parts = tuple(replace(part, title=f"{name}: {part.title}") for part in study.parts)
         failed = tuple(f"{name}: {check}" for check in study.failed)
-        sections.append(Section(findings, study.passed, parts, failed=failed))
+        omitted = study.omitted
+        sections.append(Section(findings, study.passed, parts, failed=failed, omitted=omitted))
     data = {name: study.data for name, study in studies.items()}
     title = f"Twin of a camera with several readouts: {camera.name}"
     return study_of("twin", title, sections, camera=camera.name, readouts=data, **about)
@@ -257,7 +260,7 @@ def distances_section(compared: Sequence[Compared]) -> Section:
         none = (
             "no set of equal frames has 8 or more, so no frames were held out for a comparison"
         )
-        return Section((none,), True, ())
+        return Section((none,), True, (), omitted=(NOT_COMPARED,))
     limit = SIGNIFICANCE / len(tests)
     rows, failed = list[MarkedRow](), list[str]()
     for name, test in tests:

@@ -45,10 +45,14 @@ def render_input(scene: str, flags: Flags) -> tuple[RenderInput, dict[str, Flag]
 
 def render_inputs(scene: str, flags: Flags) -> tuple[dict[str, SensorView], dict[str, Flag]]:
     """Return the scene as each of its sensors sees it, by name, and all other flags."""
-    views = {
-        name: SensorView(parsed, *camera_and_exposure(flags, parsed.settings))
-        for name, parsed in parse_sensors(scene, flags).items()
-    }
+    views: dict[str, SensorView] = {}
+    noted = set[float]()
+    for name, parsed in parse_sensors(scene, flags).items():
+        exposure = _exposure(flags, parsed.settings)
+        if exposure.temperature_k not in noted:
+            note_temperature(exposure.temperature_k)
+        noted.add(exposure.temperature_k)
+        views[name] = SensorView(parsed, camera_of(flags, parsed.settings), exposure)
     return views, other_flags(flags)
 
 

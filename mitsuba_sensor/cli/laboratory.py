@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     Maps = Mapping[str, Mapping[str, Float64Array]]
 
 PANEL = "Laboratory"
+QE_NOT_COMPARED = "η is not compared, because the wavelength of the light is unknown; give --wavelength-nm 525"
 
 Bits: TypeAlias = Annotated[
     int | None,
@@ -153,14 +154,14 @@ def _of_simulation(flags: Flags, asked: CharacterizeFlags) -> "tuple[Study, str]
         measured = figures_of(bench, progress)
     kind = "rendered" if asked["rendered"] else "exact"
     about = {"camera": camera.name, **setup._asdict(), "light": kind, **how_made()}
-    sheet = _datasheet(flags, bench, light.efficiency.tolist())
+    sheet, remarks = _datasheet(camera, temperature_k, bench, light.efficiency.tolist())
     both = ", of both photodiodes of a pixel together" if camera.sensor.dual_pixel else ""
     by_default = "" if flags["camera"] else " (default; choose another with --camera)"
     remark = (
         f"measured: simulated frames of {camera.name}{by_default}{both}, serial number {serial}, {temperature_k:g} K, "
         f"{wavelength_nm:g} nm; measure a real camera with --frames DIR"
     )
-    return characterized(camera.name, measured, sheet, **about), remark
+    return characterized(camera.name, measured, sheet, remarks, **about), remark
 
 
 def _of_files(flags: Flags, asked: CharacterizeFlags) -> "tuple[Study, str]":
@@ -176,15 +177,18 @@ def _of_files(flags: Flags, asked: CharacterizeFlags) -> "tuple[Study, str]":
         measured = figures_of(bench, progress)
     name = Path(frames).resolve().name
     sheet: Datasheet = {}
+    remarks: tuple[str, ...] = ()
     if flags["camera"]:
-        camera, wavelength_nm = _camera(flags)[0], bench.wavelength_nm
+        (camera, temperature_k), wavelength_nm = _camera(flags), bench.wavelength_nm
         qe = None if wavelength_nm is None else camera.qe([wavelength_nm])[:, 0].tolist()
-        sheet = _datasheet(flags, bench, qe)
+        sheet, remarks = _datasheet(camera, temperature_k, bench, qe)
+        if qe is None and any("η" in part.figures for part in measured):
+            remarks += (QE_NOT_COMPARED,)
         name = f"{name}, next to the datasheet of {camera.name}"
     stacks = [stack.source for stack in bench.stacks]
     about = {"frames": frames, "camera": flags["camera"] or name, "stacks": stacks}
     remark = f"measured: frames from {frames}"
-    return characterized(name, measured, sheet, **about, **how_made()), remark
+    return characterized(name, measured, sheet, remarks, **about, **how_made()), remark
 
 
 def _at_gain(bench: "Bench", gain: object) -> "Bench":
@@ -206,15 +210,24 @@ def _camera(flags: Flags) -> "tuple[Camera, float]":
     return camera, exposure.temperature_k
 
 
-def _datasheet(flags: Flags, bench: "Bench", efficiency: list[float] | None) -> "Datasheet":
-    """Return the datasheet's figures at the exposure of the flat fields.  efficiency : QE of each filter."""
+def _datasheet(
+    camera: "Camera", temperature_k: float, bench: "Bench", efficiency: list[float] | None
+) -> "tuple[Datasheet, tuple[str, ...]]":
+    """Return the datasheet's figures at the exposure of the flat fields, and a remark on them.
+
+    efficiency : QE of each filter.
+    """
     from ..bench.datasheet import expected_of_filters
     from ..core import Exposure
 
-    camera, temperature_k = _camera(flags)
     shortest_s = min((stack.exposure_s for stack in bench.flats), default=0.0)
     pixels = next(iter(bench.of_filters().values())).stacks[0].mean.size
-    return expected_of_filters(camera, Exposure(shortest_s, temperature_k), efficiency, pixels)
+    exposure = Exposure(shortest_s, temperature_k)
+    remark = (
+        f"datasheet: the numbers of {camera.name} at {shortest_s:g} s and {temperature_k:g} K; σ_d includes the dark "
+        "current"
+    )
+    return expected_of_filters(camera, exposure, efficiency, pixels), (remark,)
 
 
 @app.command(

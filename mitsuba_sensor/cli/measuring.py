@@ -108,7 +108,7 @@ def study_sheet(study: "Study", path: str) -> RenderableType:
 
     style = "bold red"
     if study.passed:
-        style = "bold yellow" if study.missing else "bold green"
+        style = "bold green" if study.complete else "bold yellow"
     title = Text.assemble((study.title, "bold"), " – ", (study.headline, style), f" → {path}")
     tables = (part for part in study.parts if isinstance(part, Table) and part.rows)
     shown = [_table(part) for part in tables if part.terminal != ()]

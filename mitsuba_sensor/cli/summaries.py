@@ -10,8 +10,9 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ..core import by_weight
+from ..stages.usual_range import temperature_note
 from .flag_names import with_flags
-from .tables import counted, fact, number
+from .tables import counted, number
 
 if TYPE_CHECKING:
     from ..dataset.read import Dataset, Sample
@@ -39,13 +40,14 @@ def summary(report: Report, folder: str) -> RenderableType:
 
     report : contents of frame.json.
     """
-    notes = by_weight(report["notes"])
+    told = temperature_note(report["exposure"]["temperature_k"])  # before the work began
+    notes = by_weight(note for note in report["notes"] if note not in told)
     lines = [
         Text.assemble(("note: ", "bold yellow"), with_flags(note)) for note in notes[:NOTES_MAX]
     ]
     if len(notes) > NOTES_MAX:
         lines.append(Text(f"{counted(len(notes) - NOTES_MAX, 'more note')}: frame.json"))
-    facts = (fact(name, text) for name, text in _facts(report))
+    facts = (Text.assemble((f"{name}: ", "bold"), text) for name, text in _facts(report))
     return Group(_head(report, folder), *facts, *lines, Text(EVERYTHING, style="dim"))
 
 
@@ -69,6 +71,7 @@ def _facts(report: Report) -> Iterator[tuple[str, str]]:
     from ..render.light.brightness import brightness_sentence
 
     last, photons, render = report["stages"][-1], report["photons"], report["render"]
+    image, counts = report["image"], report["counts"]
     keys = "mean_frame", "sigma_frame", "sigma_expected"
     mean, sigma, expected = (f"{number(last[key])} {last['unit']}" for key in keys)
     yield "signal", f"mean {mean}, noise σ = {sigma} (theory {expected})"
@@ -76,7 +79,11 @@ def _facts(report: Report) -> Iterator[tuple[str, str]]:
     unit = "photoelectrons" if photons["detected"] else "photons"
     yield f"{unit} per pixel", f"{low} … {median} … {high} (min, median, max)"
     noise = "none, because there is no light"
-    if photons["max"]:
+    pixels = image["rows"] * image["columns"]
+    saturated = max(counts["clipped_full_well"], counts["clipped_adc_high"])
+    if photons["max"] and saturated > pixels / 2:
+        noise = "not measurable in the median pixel, which is saturated"
+    elif photons["max"]:
         ratio = number(report["render_noise"]["over_sensor_median"])
         denoised = ", denoised" if render["denoised"] else ""
         target, end = render["noise_ratio_asked"], render["ended_by"]
@@ -89,9 +96,10 @@ def _facts(report: Report) -> Iterator[tuple[str, str]]:
     yield "render noise", noise
     if brightness := render["brightness"] and brightness_sentence(render["brightness"]):
         yield "brightness", brightness
-    counts = report["counts"].items()
-    pixels = [f"{n} {COUNTED.get(name) or name.replace('_', ' ')}" for name, n in counts if n]
-    yield "pixels", ", ".join(pixels) or "none clipped, none invalid"
+    named = [
+        f"{n} {COUNTED.get(name) or name.replace('_', ' ')}" for name, n in counts.items() if n
+    ]
+    yield "pixels", ", ".join(named) or "none clipped, none invalid"
     if (factor := report["summary"]["brightened"]) > 1:
         yield "images", f"frame.png as exposed, frame_brightened.png {factor} × brighter"
     if report["left_out"]:

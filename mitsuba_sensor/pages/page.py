@@ -126,7 +126,7 @@ class Section:
     """The findings of one part of a study.
 
     findings : sentences that answer the question, the most important first.  passed : True if all checks hold.
-    failed, missing : names of the failed checks and of what was not measured.
+    failed, missing : names of the failed checks and of what was not measured.  omitted : reasons for omitted checks.
     """
 
     findings: tuple[str, ...]
@@ -134,6 +134,12 @@ class Section:
     parts: tuple[Part, ...]
     failed: tuple[str, ...] = field(default=(), kw_only=True)
     missing: tuple[str, ...] = field(default=(), kw_only=True)
+    omitted: tuple[str, ...] = field(default=(), kw_only=True)
+
+    @property
+    def complete(self) -> bool:
+        """Return True if everything was measured and checked."""
+        return not self.missing and not self.omitted
 
 
 @dataclass(frozen=True)
@@ -150,7 +156,7 @@ class Study(Section):
 
     @property
     def verdict(self) -> str:
-        """Whether all checks passed, which failed, and what was not measured."""
+        """Whether all checks passed, which failed or were omitted, and what was not measured."""
         verdicts = []
         if not self.passed:
             verdicts.append("some checks failed")
@@ -158,12 +164,13 @@ class Study(Section):
                 verdicts[0] += f": {', '.join(self.failed)}"
         if self.missing:
             verdicts.append(f"not measured: {', '.join(self.missing)}")
+        verdicts += self.omitted
         return "; ".join(verdicts) or ("all checks passed" if self.checked else "")
 
     @property
     def headline(self) -> str:
         """The verdict with a ✓ or ✗ in front."""
-        sign = "✗ " if not self.passed else "✓ " if self.verdict and not self.missing else ""
+        sign = "✗ " if not self.passed else "✓ " if self.verdict and self.complete else ""
         return sign + self.verdict
 
     def to_dict(self) -> dict[str, Any]:
@@ -193,4 +200,5 @@ def study_of(name: str, title: str, sections: Sequence[Section], **data: object)
         data,
         failed=tuple(one for section in sections for one in section.failed),
         missing=tuple(dict.fromkeys(one for section in sections for one in section.missing)),
+        omitted=tuple(dict.fromkeys(one for section in sections for one in section.omitted)),
     )

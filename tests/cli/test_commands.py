@@ -215,6 +215,23 @@ def test_few_notes_are_printed_and_doubts_come_first(
     assert len(more) == (count >= NOTES_MAX)
 
 
+@pytest.mark.filterwarnings("ignore::mitsuba_sensor.SensorWarning")
+def test_a_summary_repeats_no_note_wraps_its_lines_and_gives_no_ratio_of_a_saturated_pixel(
+    light: Any,
+) -> None:
+    """The note on the temperature is printed before the work begins."""
+    found = {**ms.capture(light, "sony_a7s2", ms.Exposure(0.1, 25.0)).metadata}
+    assert any("temperature_k is 25" in note for note in found["notes"])
+    text = printed(summary(found, "out"), 60)
+    assert "is 25;" not in text and "render noise: variance" in text
+    assert max(map(len, text.splitlines())) <= 60
+    pixels = found["image"]["rows"] * found["image"]["columns"]
+    found["counts"] = {**found["counts"], "clipped_adc_high": pixels}
+    assert "not measurable in the median pixel, which is saturated" in " ".join(
+        printed(summary(found, "out"), 60).split()
+    )
+
+
 def printed(what: Any, width: int) -> str:
     console = Console(record=True, width=width, file=io.StringIO(), color_system=None)
     console.print(what, highlight=False, crop=False)

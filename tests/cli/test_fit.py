@@ -82,8 +82,24 @@ def test_frames_that_show_no_gain_write_nothing(frames: Path, tmp_path: Path) ->
     for name in ("bias", "dark_short", "dark_long"):
         (dark / f"{name}.npy").write_bytes((frames / f"{name}.npy").read_bytes())
     code, text = run("--frames", dark, "-o", tmp_path / "mine.toml")
-    assert code == 2 and "there are no flat fields" in " ".join(text.split())
+    assert code == 2 and "has no flat fields" in " ".join(text.split())
     assert not list(tmp_path.glob("mine*"))
+
+
+def test_a_comparison_says_what_the_datasheet_is_of_and_what_it_lacks(
+    frames: Path, tmp_path: Path
+) -> None:
+    """At the exposure of the flat fields; η needs the wavelength of the light."""
+    for path in frames.glob("*.npy"):
+        (tmp_path / path.name).symlink_to(path)
+    manifest = (frames / "bench.toml").read_text("utf-8").replace("wavelength_nm = 550", "")
+    (tmp_path / "bench.toml").write_text(manifest, "utf-8")
+    asked = ["--frames", str(tmp_path), "--camera", "konnik_table1", "-o", str(tmp_path)]
+    found = CliRunner().invoke(app, ["characterize", *asked])
+    text = " ".join(found.output.split())
+    assert "the numbers of konnik_table1 at 0.01 s and 298.15 K; σ_d includes" in text, text
+    assert "η is not compared" in text and "give --wavelength-nm 525" in text
+    assert "temporal noise are measured without the stacks of many frames" in text
 
 
 DUAL_GAIN = ms.load_camera("scmos_dual_gain")
@@ -145,10 +161,10 @@ def test_frames_of_a_readout_are_its_pages_with_its_own_bits(tmp_path: Path) -> 
     (tmp_path / "bench.toml").unlink()
     assert len(read_bench(tmp_path, readout="high").stacks) == 2
     (tmp_path / "flat_1" / "readouts.tiff").unlink()
-    with pytest.raises(ms.InputError, match="the linear code of the read-outs high, low"):
+    with pytest.raises(ms.InputError, match="combines the readouts high, low"):
         read_bench(tmp_path, readout="low")
     (tmp_path / "flat_1" / "frame.tiff").unlink()
-    with pytest.raises(ms.InputError, match=r"no frames of a read-out 'lov'.*mean 'low'"):
+    with pytest.raises(ms.InputError, match=r"no frames of a readout 'lov'.*mean 'low'"):
         read_bench(tmp_path, readout="lov")
     (tmp_path / "dark_1" / "readouts.tiff").unlink()
     code, text = run("--frames", tmp_path, "-o", tmp_path / "mine.toml")

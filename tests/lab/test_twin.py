@@ -205,6 +205,10 @@ def test_what_frames_do_not_show_is_taken_from_another_camera_or_assumed(bench: 
     assert camera.pixel.pitch_x_um == like.pixel.pitch_x_um
     assert camera.sources["pixel.pitch_x_um"].startswith("of konnik_table1: ")
     assert gain_dn_per_e(camera) == pytest.approx(twin.base.gain.quantity.value, rel=1e-9)
+    like = like.replace(**{"readout.gain_dn_per_e": 0.368, "adc.full_scale_v": None})
+    camera = camera_from(twin.tables(like.model_dump()), "twin")
+    assert camera.readout.gain_dn_per_e == twin.base.gain.quantity.value
+    assert camera.sources["readout.gain_dn_per_e"].startswith("fit: ")
     with pytest.raises(ms.InputError, match="RG / GB, the frames have none"):
         twin.tables(ms.load_camera("bayer_2mp").model_dump())
     with pytest.raises(ms.InputError, match="two or more"):

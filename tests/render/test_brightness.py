@@ -164,7 +164,7 @@ def test_what_has_no_luminance_is_refused_with_a_sentence(tmp_path: Path) -> Non
     assert brightness(sky, infrared)["median_cd_per_m2"] is None
     lamp = LAMP.format("").replace("<rotate", '<scale value="0.5"/><rotate')
     black = write_scene(tmp_path, scene_text(lamp))
-    with pytest.raises(ms.InputError, match="black in the median"):
+    with pytest.raises(ms.InputError, match="median pixel of the image is black"):
         ms.render(black, CAMERA, EXPOSURE, luminance=100, **SMALL)
     for wrong in (0, -5, math.nan, math.inf, True, "bright"):
         with pytest.raises(ms.InputError, match="luminance is"):
@@ -184,8 +184,8 @@ def test_light_with_other_levels_keeps_its_scale_and_no_brightness() -> None:
     ("sky", "lamp", "said"),
     [
         (2e-4, None, ()),
-        (2.0, None, ("the picture has",)),
-        (1e5, None, ("the picture has", "the metered exposure time is")),
+        (2.0, None, ("the image has",)),
+        (1e5, None, ("the image has", "the metered exposure time is")),
         (2e-4, 2e3, ("the brightest lamp has",)),
     ],
 )
@@ -203,7 +203,7 @@ def test_light_that_is_not_of_this_world_is_noted_with_the_way_out(
     light = ms.render(scene, CAMERA, "auto", **SMALL)
     found = [note for note in light.notes if "luminance=500" in note]
     assert len(found) == bool(said)
-    parts = ("the picture has", "the brightest lamp has", "the metered exposure time is")
+    parts = ("the image has", "the brightest lamp has", "the metered exposure time is")
     assert {part for part in parts if part in " ".join(found)} == {*said}
 
 
@@ -212,7 +212,7 @@ def test_lint_and_the_summary_say_how_bright_it_is(
 ) -> None:
     lamp = LAMP.format('<rgb name="radiance" value="12, 11, 9"/>')
     scene = write_scene(tmp_path, scene_text(SKY, lamp, film="<rfilter type='gaussian'/>"))
-    said = "brightest lamp has 807\u00a0000 cd/m², like the sun at the horizon"
+    said = "807\u00a0000 cd/m² (like the sun at the horizon)"
     findings = json.loads(cli("lint", scene, "--json").stdout)
     assert any(said in one["what"] and one["level"] == "fact" for one in findings)
     small = ("--spp", 16, "--no-denoise", "--variant", "scalar_spectral")
@@ -225,8 +225,8 @@ def test_lint_and_the_summary_say_how_bright_it_is(
 
 
 def test_a_lamp_is_not_compared_with_a_scene() -> None:
-    assert cd_per_m2(700.0, of_image=True) == "700 cd/m², like an overcast day"
-    assert cd_per_m2(700.0) == "700 cd/m², like the white of a computer screen"
+    assert cd_per_m2(700.0, of_image=True) == "700 cd/m² (like an overcast day)"
+    assert cd_per_m2(700.0) == "700 cd/m² (like the white of a computer screen)"
 
 
 def test_several_sensors_refuse_a_scale_of_each_view(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from PIL import Image
 from rich.console import Console
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.bench.twin_page import distances_section
 from mitsuba_sensor.cli.measuring import ROWS_MAX, study_sheet
 from mitsuba_sensor.files.texts import to_json
 from mitsuba_sensor.pages.drawing import png, svg
@@ -76,11 +77,18 @@ def test_a_study_is_its_sections_one_after_the_other() -> None:
         ({}, "✓ all checks passed"),
         ({"passed": False, "failed": ("K",)}, "✗ some checks failed: K"),
         ({"missing": ("star",)}, "not measured: star"),
+        ({"omitted": ("not compared",)}, "not compared"),
     ],
 )
 def test_a_verdict_is_in_words(given: dict[str, Any], verdict: str) -> None:
     made = study(TABLE, **given)
     assert made.headline == verdict and verdict in html(made)
+
+
+def test_a_twin_without_held_out_frames_is_not_called_checked() -> None:
+    made = study_of("twin", "t", [distances_section([])])
+    assert made.headline.startswith("not compared with held-out frames; needs 8")
+    assert "verdict good" not in html(made)
 
 
 def test_what_was_not_checked_has_no_verdict() -> None:

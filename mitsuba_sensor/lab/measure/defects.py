@@ -14,12 +14,13 @@ from ...core.types import Float64Array
 from ..frames.clipping import CLIPPED_MAX
 from ..frames.stack import Stack
 from ..quantity import Figures, Quantity, no_value, share_interval
-from ..statistics.estimators import z_limit
+from ..statistics.estimators import require_probability, z_limit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SECTION = "EMVA 1288 R4 8.8"
+PIXELS_MIN = 100
 WINDOW = 5
 """Rows and columns of the neighbourhood whose median is compared with a pixel."""
 MAD_TO_SIGMA = 1.482602218505602
@@ -78,16 +79,15 @@ def defects(dark: Stack, light: Stack | None = None, false_alarm: float = 0.01) 
     Raises InputError for mosaics, light of another size, fewer than 100 pixels, and an impossible probability.
     """
     dark.require_one_filter()
-    size = "none"
+    size = " × ".join(map(str, dark.shape))
     if light is not None:
         light.require_one_filter()
-        size = f"{light.shape[0]} × {light.shape[1]}"
-    sizes_differ = light is not None and light.shape != dark.shape
-    if sizes_differ or dark.mean.size < 100 or not 0 < false_alarm < 1:
-        raise InputError(
-            f"dark is {dark.shape[0]} × {dark.shape[1]}, light {size} and false_alarm {false_alarm!r}; pass equal "
-            "sizes of 100 pixels or more and a probability between 0 and 1."
-        )
+        if light.shape != dark.shape:
+            lit = " × ".join(map(str, light.shape))
+            raise InputError(f"dark is {size} and light {lit}; pass equal sizes.")
+    if dark.mean.size < PIXELS_MIN:
+        raise InputError(f"defects need at least {PIXELS_MIN} pixels; dark is {size}.")
+    require_probability(false_alarm)
     limit = z_limit(dark.mean.size, false_alarm)
     z_dark, _ = _deviations(dark.mean, dark)
     hot = z_dark > limit

@@ -149,10 +149,10 @@ def _note_spatial_stacks(
             signal = float(flat.frame_means.mean() - measured.darks[0].mean)
             expected = float(np.interp(flat.photons, measured.light, measured.signal))
             if expected:
-                text += f", {100 * (signal / expected - 1):+.2g} % off these"
+                text += f", signal {100 * (signal / expected - 1):+.2g} % off the other stacks'"
         texts.append(f"{flat.source} ({text})")
-    few = "temporal figures use only the levels of few frames, without"
-    return [f"{few} {', '.join(texts)}"] if texts else []
+    omitted = "K, η and temporal noise are measured without the stacks of many frames, which are for spatial figures"
+    return [f"{omitted}: {', '.join(texts)}"] if texts else []
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from ...core.types import Float64Array
 from ..frames.clipping import mark_clipped
 from ..frames.stack import Stack
 from ..quantity import Figures, Quantity, share_interval
+from ..statistics.estimators import require_probability
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -78,11 +79,11 @@ def rts_pixels(stack: Stack, false_alarm: float = 0.01) -> TelegraphPixels:
     """
     stack.require_one_filter()
     frames, pixels = len(stack), stack.mean.size
-    if frames < FRAMES_MIN or not 0 < false_alarm < 1:
+    if frames < FRAMES_MIN:
         raise InputError(
-            f"stack has {frames} frames and false_alarm is {false_alarm!r}; pass at least {FRAMES_MIN} frames and a "
-            "probability between 0 and 1."
+            f"RTS pixels need at least {FRAMES_MIN} dark frames; this stack has {frames}."
         )
+    require_probability(false_alarm)
     quiet_dn2 = float(np.median(stack.variance))
     if stack.frames.dtype.kind != "f":
         quiet_dn2 = max(quiet_dn2, TWO_CODES_DN2)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from ...core import InputError
 from ...core.types import Float64Array
 
 SMALLEST_NONCENTRALITY = 1e-9
@@ -38,6 +39,12 @@ def ratio(slow: Iterable[float], fast: Iterable[float]) -> float:
 def standard_error(values: Float64Array) -> float:
     """Return the standard error of the mean of independent values."""
     return float(values.std(ddof=1)) / math.sqrt(len(values))
+
+
+def require_probability(false_alarm: float) -> None:
+    """Raise InputError for a probability that is not between 0 and 1."""
+    if not 0 < false_alarm < 1:
+        raise InputError(f"false_alarm is {false_alarm!r}; pass a probability between 0 and 1.")
 
 
 def z_limit(comparisons: int, false_alarm: float = 0.01) -> float:

@@ -181,5 +181,5 @@ def frame_noise(stacks: Sequence[Stack]) -> Fitted:
     terms = [MeanSquare(between, freedom), -MeanSquare(within, max(lines, 1))]
     figure = FRAME.with_interval(root(terms))
     if not figure.low > 0:
-        figure = replace(figure, value=0.0).noted("not told from 0")
+        figure = replace(figure, value=0.0).noted("not significantly different from 0")
     return Fitted(figure, frames_of(*stacks))

@@ -50,7 +50,8 @@ def frames_of(*stacks: Stack) -> str:
     sources = list(dict.fromkeys(short(stack.source) for stack in stacks))
     shown = ", ".join(sources[:2])
     if len(sources) > 2:
-        shown += f" and {len(sources) - 2} more stacks"
+        more = len(sources) - 2
+        shown += f" and {more} more stack{'s' * (more != 1)}"
     return f"{count} frame{'s' * (count != 1)} {shown}"
 
 

@@ -36,6 +36,7 @@ NOT_SHOWN: dict[str, Any] = {
     "source_follower.noisy_pixel_factor": 1.0,
     "source_follower.rtn_uv": 0.0,
     "source_follower.rtn_pixel_fraction": 0.0,
+    "readout.em_gain": None,  # the fitted K contains it
     "readout.ktc_residual": None,
     "readout.dsnu_col_coupling": 0.0,
     "readout.dsnu_row_coupling": 0.0,

@@ -198,8 +198,12 @@ class Twin:
         return values, f"fit: {', '.join(texts)}{where}"
 
     def _conversion_gain(self, data: Mapping[str, Any]) -> Iterator[Value]:
-        """Yield A_SN and V_FS for K = A_SN·A_SF·A_CDS·2^bits/V_FS."""
+        """Yield K if the other camera gives K, else A_SN and V_FS for K = A_SN·A_SF·A_CDS·2^bits/V_FS."""
         setting, readout = self.base, data["readout"]
+        gain = setting.gain
+        if readout.get("gain_dn_per_e") is not None:
+            yield Value("readout.gain_dn_per_e", gain.quantity.value, gain.source)
+            return
         sense_uv = readout.get("sense_gain_uv_per_e")
         if sense_uv is None:
             sense_uv = float(f"{1e6 * FULL_SWING_V / full_well(setting).value:.4g}")
@@ -208,7 +212,6 @@ class Twin:
             yield Value("readout.sense_gain_uv_per_e", sense_uv, source)
         follower_gain = data["source_follower"].get("gain") or 1.0
         amplified = follower_gain * (readout.get("cds_gain") or 1.0)
-        gain = setting.gain
         swing_v = sense_uv * 1e-6 * amplified * 2.0**setting.bits / gain.quantity.value
         yield Value(
             "adc.full_scale_v", swing_v, f"{gain.source}: V_FS = A_SN·A_SF·A_CDS·2^bits/K"

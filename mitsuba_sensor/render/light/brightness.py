@@ -68,7 +68,7 @@ NOT_LUMINOUS = (
 
 
 def cd_per_m2(luminance: float, of_image: bool = False) -> str:
-    """Return ``876 000 cd/m², like the sun at the horizon``.  of_image : compare with daylight, too."""
+    """Return ``876 000 cd/m² (like the sun at the horizon)``.  of_image : compare with daylight, too."""
     references = THINGS + DAYLIGHT * of_image
     value, name = min(
         references, key=lambda known: abs(math.log(known[0] / max(luminance, 1e-9)))
@@ -76,7 +76,7 @@ def cd_per_m2(luminance: float, of_image: bool = False) -> str:
     ratio = luminance / value
     is_alike = 1 / LIKE_FACTOR_MAX <= ratio <= LIKE_FACTOR_MAX
     like = "like" if is_alike else f"{float(f'{ratio:.2g}'):g} ×"
-    return f"{rounded(luminance)} cd/m², {like} {name}"
+    return f"{rounded(luminance)} cd/m² ({like} {name})"
 
 
 def brightness_sentence(brightness: Mapping[str, float | None]) -> str:
@@ -87,10 +87,10 @@ def brightness_sentence(brightness: Mapping[str, float | None]) -> str:
     )
     parts = []
     if lamp is not None:
-        parts.append(f"the brightest lamp has {cd_per_m2(lamp)}")
+        parts.append(f"luminance of the brightest lamp {cd_per_m2(lamp)}")
     if median is not None and illuminance is not None:
-        parts.append(f"the picture {cd_per_m2(median, of_image=True)}, in the median")
-        parts.append(f"the sensor {rounded(illuminance)} lux on average")
+        parts.append(f"median luminance of the image {cd_per_m2(median, of_image=True)}")
+        parts.append(f"mean illuminance of the sensor {rounded(illuminance)} lux")
     return "; ".join(parts)
 
 
@@ -192,7 +192,7 @@ def scale_to(luminance: float, light: Irradiance) -> float:
         raise InputError(NOT_LUMINOUS)
     if not median > 0:
         raise InputError(
-            f"luminance is {luminance:g} and the picture is black in the median, so no scale reaches it; show "
+            f"luminance is {luminance:g} and the median pixel of the image is black, so no scale reaches it; show "
             "less of the black background, or change the emitters in the scene."
         )
     return float(f"{luminance / median:.{SCALE_DIGITS}g}")
@@ -208,7 +208,7 @@ def with_brightness(light: Irradiance, render: LoadedRender) -> Irradiance:
     statistics, notes = light.statistics, list[str]()
     if scale != 1:
         notes.append(
-            f"all light is scaled by {scale:g}, so the picture has the requested median luminance"
+            f"all light is scaled by {scale:g}, so the image has the requested median luminance"
         )
     bright, row_s = list[str](), (render.camera.sensor.row_time_us or 0.0) * 1e-6
     exposure_s = math.inf if statistics.metering is None else statistics.metering["exposure_s"]
@@ -218,7 +218,7 @@ def with_brightness(light: Irradiance, render: LoadedRender) -> Irradiance:
             limit = f"a row of the sensor ({row_s:g} s)"
         bright.append(f"the metered exposure time is {exposure_s:g} s, shorter than {limit}")
     if median is not None and median > IMAGE_CD_PER_M2_MAX:
-        bright.append(f"the picture has {cd_per_m2(median, of_image=True)}, in the median")
+        bright.append(f"the image has a median luminance of {cd_per_m2(median, of_image=True)}")
     if lamp is not None and lamp > LAMP_CD_PER_M2_MAX:
         bright.append(f"the brightest lamp has {cd_per_m2(lamp)}")
     if bright:

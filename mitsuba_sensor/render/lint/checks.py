@@ -69,18 +69,20 @@ def changes(subject: Subject) -> Found:
     kind = film.props.plugin_name() if film else "hdrfilm"
     filters = scene.children(film.props, "ReconstructionFilter") if film else []
     wide = filters[0][1].props.plugin_name() if filters else "gaussian"  # Mitsuba's default
-    replaced = [f"film {kind!r} by spectral bands in float32"] * (
+    replaced = [f"spectral bands in float32 instead of film {kind!r}"] * (
         kind not in ("specfilm", FILM)
     )
-    replaced += [f"filter {wide!r} by 'box'"] * (kind != FILM and wide != "box")
+    replaced += [f"'box' instead of filter {wide!r}"] * (kind != FILM and wide != "box")
     samplers = [node.props.plugin_name() for _, node in scene.children(sensor.props, "Sampler")]
-    replaced += [f"sampler {name!r} by {SAMPLER!r}" for name in samplers if name != SAMPLER]
+    replaced += [
+        f"{SAMPLER!r} instead of sampler {name!r}" for name in samplers if name != SAMPLER
+    ]
     if replaced:
         what, where = (
-            "the sensor needs the spectrum of each pixel without its neighbours",
+            "film settings are replaced, because the sensor needs the separate spectrum of each pixel",
             scene.where(film or sensor),
         )
-        yield Finding("fact", where, what, f"replaced {', '.join(replaced)}")
+        yield Finding("fact", where, what, ", ".join(replaced))
     if film and any(name.startswith("crop") for name in film.props):
         what = "only the crop window of the film is rendered"
         yield Finding("note", scene.where(film), what, "remove it to render the whole film")

@@ -245,7 +245,7 @@ def inspect_scene(
         "note" if luminance > LAMP_CD_PER_M2_MAX else "fact",
         lines_of(scene, lamps),
         f"the brightest lamp has {cd_per_m2(luminance)}",
-        "luminance=500 scales all light, so the median of the picture has 500 cd/m²",
+        "luminance=500 scales all light, so the image has a median of 500 cd/m²",
     )
     return (*loaded.findings, brightest)
 
