@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias, overload
 
 import numpy as np
 
-from ..core import InputError, nearest
+from ..core import InputError, nearest, nearest_file
 from ..core.errors import shown
 from ..core.small_files import require_small, toml_tables
 from .camera import Camera, checked_camera
@@ -98,13 +98,15 @@ def camera_text(name: str | Path) -> CameraText:
         return CameraText(_shipped_text(name), f"{name}.toml")
     if path.suffix != ".toml" and not (str(name) and os.path.exists(path)):
         remedy = " Pass the path of a .toml file, or a name from ms.list_cameras()."
-        raise InputError(f"unknown camera {str(name)[:200]!r}.{_meant(str(name)) or remedy}")
+        meant = _meant(str(name)) or nearest_file(str(name), ".toml")
+        raise InputError(f"unknown camera {str(name)[:200]!r}.{meant or remedy}")
     try:
         require_small(path, "the camera file")
         return CameraText(path.read_text("utf-8"), str(path), str(path.parent))
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise InputError(f"the camera file {path} cannot be read: {reason}.") from None
+        near = nearest_file(str(path), ".toml") if isinstance(error, FileNotFoundError) else ""
+        raise InputError(f"the camera file {path} cannot be read: {reason}.{near}") from None
 
 
 def plain_tables(data: Mapping[str, Any]) -> dict[str, Any]:

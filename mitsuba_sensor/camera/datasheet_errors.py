@@ -15,7 +15,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from ..core import closest
+from ..core import closest, nearest
 from ..core.errors import shown
 from ..core.number_text import number_hint
 from ..stages.usual_range import Usual
@@ -195,6 +195,8 @@ def _text(
     elif field and (usual := usual_of(field)):
         hint = next((usual.right(number) for number in _numbers(value)), "")
     text = f"{path} is {shown(value)[:60]}; it must {rule}{about}{hint and f'; {hint}'}."
+    if what == CHOICE_TYPE:
+        text += nearest(str(value), re.findall(r"'([^']*)'", details["ctx"]["expected"]))
     if what not in NUMBER_TYPES and MEANT.get(path) in fields_of(model):
         text += proposal(path, MEANT[path])
     return text

@@ -13,6 +13,7 @@ from .exposure import Exposure as Exposure
 from .frame import Frame as Frame
 from .near_names import closest as closest
 from .near_names import nearest as nearest
+from .near_names import nearest_file as nearest_file
 from .notes import Caution as Caution
 from .notes import Doubt as Doubt
 from .notes import SensorWarning as SensorWarning

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable
 
@@ -10,6 +11,8 @@ TYPOS_MAX, LETTERS_PER_TYPO = 2, 4
 
 LETTERS_PER_TYPO_IN_PART = 3
 """A part of a name may have one typo per 3 letters after the first letter."""
+
+NUMBER = re.compile(r"[-+]?[\d.]+(?:e[-+]?\d+)?", re.I)
 
 BEGINNING_MIN = 4
 """Letters after which the beginning of a name is recognised."""
@@ -21,10 +24,29 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f" Did you mean {match!r}?" if match else ""
 
 
+def nearest_file(name: str, suffix: str = "", folder: str | os.PathLike[str] = ".") -> str:
+    """Return `` Did you mean …?`` with the file beside a missing file whose name is closest; empty if no name is close.
+
+    name : of the missing file, from the folder.  suffix : of the suggested file.
+    """
+    parent, asked = os.path.split(name)
+    try:
+        beside = sorted(os.listdir(os.path.join(folder, parent)))
+    except (OSError, ValueError):  # ValueError for a NUL in the name
+        return ""
+    match = closest(asked, [file for file in beside if file.endswith(suffix) and file != asked])
+    return f" Did you mean {os.path.join(parent, match)!r}?" if match else ""
+
+
 def closest(name: str, known: Iterable[str], cutoff: float = 0.5) -> str | None:
-    """Return the known name closest to ``name``, or None.  cutoff : similarity needed, 0 to 1 (rapidfuzz's ratio)."""
+    """Return the known name closest to ``name``, or None, also for a number, whose neighbours are no misspellings.
+
+    cutoff : similarity needed, 0 to 1 (rapidfuzz's ratio).
+    """
     from rapidfuzz import fuzz, process
 
+    if NUMBER.fullmatch(name.strip()):
+        return None
     spellings, asked = {candidate.lower(): candidate for candidate in known}, name.lower()
     similar = process.extract(
         asked, list(spellings), scorer=fuzz.ratio, score_cutoff=100 * cutoff, limit=None

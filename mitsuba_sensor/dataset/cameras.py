@@ -14,7 +14,7 @@ from ..camera.dual_pixels import has_several_readouts
 from ..camera.exposure_times import later_exposures
 from ..camera.lens_file import list_lenses
 from ..camera.shipped import list_cameras
-from ..core import Exposure, InputError, nearest
+from ..core import Exposure, InputError, nearest, nearest_file
 from ..files.scene_references import camera_references, check_below, folder_names
 from .file import CameraEntry, DatasetFile
 from .keys import Config, Facts, Fixed, key_of
@@ -52,10 +52,15 @@ class Folders(NamedTuple):
     roots: Sequence[Path]
     untrusted: bool = False
 
-    def find(self, name: str, what: str) -> Path:
+    def near(self, name: str, suffix: str) -> str:
+        """Return `` Did you mean …?`` with a file whose name is close to a missing file; empty if untrusted."""
+        roots = () if self.untrusted else self.roots
+        return next(filter(None, (nearest_file(name, suffix, root) for root in roots)), "")
+
+    def find(self, name: str, what: str, suffix: str = "") -> Path:
         """Return the path of a file. Raises InputError for a missing or forbidden file.
 
-        what : the file is, for messages.
+        what : the file is, for messages.  suffix : of files to suggest instead of a missing file.
         """
         folders = folder_names(self.roots)
         remedy = f"name its folder with --root and write its path from there (the folders now: {folders})"
@@ -72,7 +77,9 @@ class Folders(NamedTuple):
                         f"{what} is {name!r}, a link that leads out of {root}; {remedy}."
                     )
                 return path
-        raise InputError(f"{what} is {name[:200]!r}, but there is no such file; {remedy}.")
+        near = self.near(name, suffix)
+        remedy = f".{near} Otherwise {remedy}" if near else f"; {remedy}"
+        raise InputError(f"{what} is {name[:200]!r}, but there is no such file{remedy}.")
 
     def check(self, paths: Sequence[Path]) -> None:
         """Raise InputError for a forbidden file."""
@@ -125,12 +132,12 @@ class Cameras:
         where, source = f"camera {entry.camera[:200]!r}", entry.camera
         if source not in list_cameras():
             if not source.endswith(".toml"):
-                near = nearest(source, list_cameras())
+                near = nearest(source, list_cameras()) or self.folders.near(source, ".toml")
                 raise InputError(
                     f"{where} is not a camera; `mitsuba-sensor cameras list` has the names, and camera files end in "
                     f".toml.{near}"
                 )
-            path = self.folders.find(source, where)
+            path = self.folders.find(source, where, ".toml")
             self.folders.check(camera_references(path))
             source = str(path)
         changes = self._with_places(_fields_in(entry.set), where)

@@ -150,7 +150,7 @@ class Lights:
 
     def _find(self, name: str, end: str, what: str) -> Path:
         """Return the path of a file below the roots, else of a file included with the package."""
-        return shipped_file(name, end, self.folders.roots) or self.folders.find(name, what)
+        return shipped_file(name, end, self.folders.roots) or self.folders.find(name, what, end)
 
 
 def exposure_asked(values: Config) -> Facts:

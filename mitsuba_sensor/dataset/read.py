@@ -135,8 +135,9 @@ class Sample:
         for files in (self.files, self.view_files):
             if name in files:
                 return files[name]
-        remedy = f"add {output!r} to the outputs of the dataset, and make it again"
-        raise InputError(f"there is no {self.place(name)}; {remedy if output else RUN_AGAIN}.")
+        if output:
+            raise _lacks(output)
+        raise InputError(f"there is no {self.place(name)}; {RUN_AGAIN}.")
 
     def opened(self, name: str) -> AbstractContextManager[Path]:
         """Return the path of a copy of a file, for ``with``. Raises InputError."""
@@ -180,15 +181,18 @@ class Sample:
             (H, W, 3) uint8, of the file or developed from the raw frame; or an AOV, e.g. ``depth`` (H, W) [m], see
             docs/frames.md.
         """
-        name = SHORT_NAMES.get(name, name)
+        asked, name = name, SHORT_NAMES.get(name, name)
         if name in AOVS:
+            if not self.has(AOVS_FILE):
+                raise _lacks("aovs", asked)
             return np.asarray(getattr(self.aovs(), name))
         if name == "preview":
             return self._preview()
         if name not in IMAGES:
-            names = (*IMAGES, "preview", *AOVS)
+            short = {long: short for short, long in SHORT_NAMES.items()}
+            names = (*IMAGES, "preview", *(short.get(x, x) for x in AOVS))
             raise InputError(
-                f"a sample has no {name!r}; it can have {', '.join(names)}.{nearest(name, names)}"
+                f"a sample has no {name!r}; it can have {', '.join(names)}.{nearest(str(name), names)}"
             )
         content = io.BytesIO(self.content(IMAGES[name], name.removesuffix("_error")))
         frames = read_raw_tiff(content, self.place(IMAGES[name])).frames
@@ -207,6 +211,15 @@ class Sample:
         gain = preview_gain(self.facts["config"]["exposure"]["ev"])
         origin = tuple(self.facts["image"]["origin"])
         return preview(self.read("raw")[0], self.camera, gain, origin)
+
+
+def _lacks(output: str, array: str = "") -> InputError:
+    """Return the error for a sample without an output.  array : that was asked for and needs the output."""
+    needing = f", so it has no {array}" if array else ""
+    return InputError(
+        f"the sample has no {output}{needing}; add {output!r} to outputs in the dataset file and run it again in a new "
+        "folder."
+    )
 
 
 @lru_cache(CONTENTS_KEPT)

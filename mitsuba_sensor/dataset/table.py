@@ -108,9 +108,8 @@ class Table(Sequence[Row]):
             present = [text or "none" for text in self.counts(name)]
             more = [f"… ({len(present)} values)"] if len(present) > VALUES_SHOWN_MAX else []
             shown = ", ".join(present[:VALUES_SHOWN_MAX] + more)
-            raise InputError(
-                f"{name} is {value!r}; the samples have {shown}.{nearest(str(value), present)}"
-            )
+            near = nearest(value, present) if isinstance(value, str) else ""
+            raise InputError(f"{name} is {value!r}; the samples have {shown}.{near}")
         chosen, places = copy(self), np.flatnonzero(here)
         chosen._chosen = (
             places if self._chosen is None else np.intersect1d(places, self._chosen)

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import NamedTuple
 from xml.parsers import expat
 
-from ..core import InputError
+from ..core import InputError, nearest_file
 from ..core.small_files import require_small
-from .shipped_scenes import names_of_scenes
+from .shipped_scenes import SCENE, names_of_scenes
 
 SCENE_BYTES_MAX = 2**27
 DEPTH_MAX = 24  # each `twosided` in another one doubles the memory
@@ -91,6 +91,8 @@ def require_scene_file(name: str) -> None:
         what = f"there is no file {name!r}"
         if os.path.exists(name):
             what = f"{name!r} is a folder or a special file"
+        elif near := nearest_file(name, SCENE):
+            raise InputError(f"{what}.{near}")
         raise InputError(
             f"{what}; give the path of a Mitsuba 3 scene in XML, or {names_of_scenes(name)}"
         )

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from ..core import InputError
+from ..core import InputError, nearest_file
 from ..core.printable import printable_json
 from ..core.small_files import DEPTH_MAX, json_value, require_small, toml_tables
 from .appearing import write_drawing
@@ -32,7 +32,10 @@ def text_of_file(
             return file.read()
     except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise InputError(f"{path} cannot be read: {why}; {remedy}.") from None
+        near = (
+            nearest_file(str(path), path.suffix) if isinstance(error, FileNotFoundError) else ""
+        )
+        raise InputError(f"{path} cannot be read: {why}; {remedy}.{near}") from None
 
 
 def read_json(path: Path, remedy: str) -> Facts:

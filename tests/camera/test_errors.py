@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.files.scene_xml import require_scene_file
 
 TABLE1 = ms.load_camera("konnik_table1")
 FIELDS: list[tuple[str, Any, tuple[str, ...]]] = [
@@ -55,3 +57,16 @@ def test_an_unknown_camera_gets_the_suggestion_first(name: str, end: str) -> Non
         ms.load_camera(name)
     assert str(caught.value).startswith(f"unknown camera {name!r}.{end}")
     assert str(caught.value).count("_") < 12, "not all names"
+
+
+def test_a_camera_or_scene_file_with_a_near_name_is_suggested(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("my.toml", "own.xml"):
+        (tmp_path / name).touch()
+    for name in ("my.tml", "mu.toml", str(tmp_path / "mu.toml")):
+        with pytest.raises(ms.InputError, match=r"Did you mean '.*my\.toml'\?"):
+            ms.load_camera(name)
+    with pytest.raises(ms.InputError, match=r"no file 'own.xm'. Did you mean 'own.xml'\?"):
+        require_scene_file("own.xm")

@@ -512,10 +512,11 @@ def test_what_a_format_cannot_have_is_left_out_by_name_or_refused(
 @pytest.mark.parametrize(
     ("format", "options", "message"),
     [
+        ("torch", {}, "For PyTorch use .*TorchDataset"),
         ("coco", {"arrays": ["raw"]}, "arrays is an option of parquet, webdataset, hdf5"),
         ("ros", {"images": "raw"}, "images is an option of coco, .*the format is ros; omit"),
         ("hdf5", {"arrays": ["colour"]}, "a sample has no 'colour'"),
-        ("parquet", {"arrays": ["companded"]}, "add 'companded' to the outputs"),
+        ("parquet", {"arrays": ["companded"]}, "add 'companded' to outputs"),
     ],
 )
 def test_options_that_a_format_does_not_take_are_refused(
@@ -524,7 +525,7 @@ def test_options_that_a_format_does_not_take_are_refused(
     with pytest.raises(ms.InputError, match=message):
         export(made, format, tmp_path / "out", **options)
     with pytest.raises(ms.InputError, match="is in the dataset itself"):
-        export(made, format, made / "out")
+        export(made, "files", made / "out")
     assert not (tmp_path / "out").exists()
 
 

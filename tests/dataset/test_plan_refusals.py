@@ -94,6 +94,7 @@ NEVER: dict[str, tuple[dict[str, Any], str]] = {
             "widht": "is not a field. Did you mean 'width'",
         }.items()
     },
+    "a misspelled output": ({"outputs": ["prevew"]}, "Did you mean 'preview'?"),
     "readouts of no camera": ({"outputs": ["readouts"]}, "reads each pixel once"),
     "stops by the thousand": (
         {"grid": {"exposure_ev": [5000]}, "random": None},

@@ -73,7 +73,7 @@ def test_a_sample_shows_itself_and_its_arrays(made: Path) -> None:
         assert sample.read("clean").dtype == np.float32
         assert json.loads(sample.files["sample.json"]) == sample.facts
     for name, said in (
-        ("aovs", "it can have raw, .* depth_m"),
+        ("aovs", "it can have raw, .* depth, "),
         ("raww", "Did you mean 'raw'"),
         ("companded", "outputs"),
     ):
@@ -102,6 +102,7 @@ def test_samples_are_found_by_scene_view_and_exposure(made: Path) -> None:
     [
         ({"scene": "boxx"}, "scene is 'boxx'; the samples have flat, box. Did you mean 'box'?"),
         ({"scene": "box", "view": 7}, "view is 7; the samples have 0, 1."),
+        ({"exposure_ev": "-7"}, "exposure_ev is '-7'; the samples have 0, -2.\n"),
         ({"split": "val"}, "split is 'val'; the samples have"),
         ({"exposure": 1}, "no sample has 'exposure'; samples have split, "),
     ],
@@ -111,7 +112,7 @@ def test_what_no_sample_has_is_a_sentence_with_what_there_is(
 ) -> None:
     with pytest.raises(ms.InputError) as caught:
         ms.Dataset(made).where(**asked)
-    assert str(caught.value).startswith(sentence)
+    assert f"{caught.value}\n".startswith(sentence)
 
 
 def test_show_says_what_a_sample_is(
@@ -145,6 +146,8 @@ def test_a_preview_that_is_not_stored_is_developed(made: Path, tmp_path: Path) -
     flat = ms.Dataset(made).where(scene="flat")
     for stored, developed in zip(flat, ms.Dataset(tmp_path / "out"), strict=True):
         assert not developed.has("frame.png")
+        with pytest.raises(ms.InputError, match="no aovs, so it has no depth; add 'aovs' to"):
+            developed.read("depth")
         np.testing.assert_array_equal(stored.read("preview"), developed.read("preview"))
     assert (tmp_path / "out/contact_sheet.png").is_file()
 
@@ -158,6 +161,42 @@ def test_batches_are_every_sample_once_in_an_order_of_each_epoch(made: Path) -> 
         orders.append([float(x.mean()) for one in found for x in one["clean"]])
         assert sorted(orders[-1]) == means
     assert orders[0] == orders[2] != orders[1]
+
+
+class _Arrays:
+    def __init__(self, *shape: int) -> None:
+        self.read = lambda name: np.zeros(shape)
+
+
+@pytest.mark.parametrize(
+    ("name", "shapes", "message"),
+    [
+        ("raw", ((1, 18, 24), (1, 24, 24)), r"18 × 24 and 24 × 24 pixels; use one scene"),
+        ("preview", ((18, 24, 3), (24, 24, 3)), r"18 × 24 and 24 × 24 pixels; use one scene"),
+        ("raw", ((1, 4, 4), (2, 4, 4)), r"raw of shape \(1, 4, 4\) and \(2, 4, 4\); use one"),
+    ],
+)
+def test_a_batch_of_different_shapes_is_rejected(
+    name: str, shapes: tuple[tuple[int, ...], ...], message: str
+) -> None:
+    samples = [_Arrays(*shape) for shape in shapes]
+    assert len(list(batches(samples, (name,), np.uint8(1)))) == 2
+    with pytest.raises(ms.InputError, match=message):
+        next(batches(samples, (name,)))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        *({"size": size} for size in (0, 2.5, True)),
+        *({"names": names} for names in ("raw", (1,), ())),
+        {"seed": -1},
+        {"epoch": 0.5},
+    ],
+)
+def test_wrong_arguments_of_batches_are_rejected_at_once(given: dict[str, Any]) -> None:
+    with pytest.raises(ms.InputError, match=f"{next(iter(given))} is "):
+        batches([], **given)
 
 
 def test_pytorch_is_missed_when_a_torch_dataset_is_made(

@@ -121,6 +121,19 @@ def test_a_scene_elsewhere_is_read_where_the_file_is_trusted(how: str, folder: P
         [*load_plan(folder / "dataset.toml", untrusted=True).tasks()]
 
 
+def test_a_file_with_a_near_name_is_suggested_first_and_never_if_untrusted(
+    folder: Path,
+) -> None:
+    (folder / "scene.xml").rename(folder / "scenes.xml")
+    with pytest.raises(ms.InputError, match=r"Did you mean 'scenes.xml'\? Otherwise .*--root"):
+        planned(folder, untrusted=False)
+    (folder / "mine.toml").touch()
+    with pytest.raises(ms.InputError, match=r"Did you mean 'mine.toml'\?"):
+        planned(folder, camera="mine.tml", untrusted=False)
+    with pytest.raises(ms.InputError, match=r"no such file; .*--root"):
+        planned(folder)
+
+
 def test_a_missing_file_is_told_with_each_folder_once_by_its_whole_path(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -26,6 +26,7 @@ from .formats import FORMATS, ExportOptions
 
 PNG_BITS_MAX = 16
 MB = 10**6
+PYTORCH = " For PyTorch use mitsuba_sensor.dataset.TorchDataset (docs/exports-and-training.md)."
 DEFAULT_ARRAYS = ("raw", "clean", "variance")
 
 
@@ -192,9 +193,8 @@ def _options_of(name: str, given: ExportOptions) -> Facts:
     """Return all options with the defaults of this format. Raises InputError for an option of other formats."""
     formats = {row.name: row for row in FORMATS}
     if name not in formats:
-        raise InputError(
-            f"format is {name!r}; it must be one of {', '.join(formats)}.{nearest(name, formats)}"
-        )
+        near = PYTORCH if "torch" in name.lower() else nearest(name, formats)
+        raise InputError(f"format is {name!r}; it must be one of {', '.join(formats)}.{near}")
     row = formats[name]
     chosen: Facts = {**complete(ExportOptions, given)}
     for option in ("arrays", "shard_mb", "images"):
