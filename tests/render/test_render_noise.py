@@ -42,7 +42,8 @@ def test_a_note_says_how_much_of_the_grain_is_the_renders(
     notes = list(noise_note(light, noise, frames))
     assert len(notes) == (begins is not None)
     assert all(
-        note.startswith(str(begins)) and "spp= above 64, or use" in note for note in notes
+        note.startswith(str(begins)) and "spp= above 64, or noise_ratio=0.1)" in note
+        for note in notes
     )
 
 
