@@ -484,7 +484,7 @@ TOKENS_MAX = {
     "bench": 23287,
     "benchmarks": 24924,
     "camera": 25382,
-    "cli": 21552,
+    "cli": 21563,
     "core": 24260,
     "dataset": 42995,
     "examples": 8792,
@@ -494,12 +494,12 @@ TOKENS_MAX = {
     "optics": 17358,
     "output": 24796,
     "pages": 3460,
-    "render": 79069,
+    "render": 79078,
     "reproduction": 10885,
     "sensor": 13828,
     "stages": 31946,
     "study": 9186,
-    "tests": 341132,
+    "tests": 341128,
     "theory": 14642,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
