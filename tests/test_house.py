@@ -483,7 +483,7 @@ TOKENS_MAX = {
     ".": 8031,
     "bench": 23287,
     "benchmarks": 24924,
-    "camera": 25382,
+    "camera": 25377,
     "cli": 21563,
     "core": 24260,
     "dataset": 42995,
@@ -499,7 +499,7 @@ TOKENS_MAX = {
     "sensor": 13828,
     "stages": 31946,
     "study": 9186,
-    "tests": 341128,
+    "tests": 341140,
     "theory": 14642,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

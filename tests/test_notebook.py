@@ -121,7 +121,7 @@ def test_figures_and_measurements_show_their_numbers() -> None:
     assert len(repr(measured)) < 160 and "\n" not in repr(measured)
     text = " ".join(shown(measured)[0].text.split())
     gain = measured.figures["K"]
-    assert f"K {gain.name} {gain.value:.4g} {gain.low:.4g} to {gain.high:.4g}" in text
+    assert f"K {gain.name} {gain.shown} {gain.low:.4g} to {gain.high:.4g}" in text
 
 
 def test_light_of_one_wavelength_is_grey_and_of_the_visible_has_its_colour(light: Any) -> None:

@@ -15,6 +15,7 @@ import pytest
 from helpers.scenes import SKY, scene_text, write_scene
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.cli.flag_names import with_flags
 from mitsuba_sensor.output.exr import write_irradiance_exr
 
 BAYER, WIDER = ms.load_camera("bayer_2mp"), ms.load_camera("sony_imx174")
@@ -86,7 +87,7 @@ def test_terminal_file_notebook_and_python_show_the_same_sentences(
     )
     assert not caught and "SensorWarning" not in printed.stderr
     shown = " ".join(printed.stdout.split())
-    assert sum(f"note: {note}" in shown for note in frames.notes) >= 3
+    assert sum(f"note: {with_flags(note)}" in shown for note in frames.notes) >= 3
     frames.save(tmp_path / "alone")
     for folder in ("out", "alone"):
         assert json.loads((tmp_path / folder / "frame.json").read_text("utf-8"))[

@@ -27,25 +27,11 @@ from ..stages.stage import Chain, Stage, converter_of
 from ..stages.usual_range import warn_of_temperature
 from .companding import CompandingSection
 from .datasheet_checks import CHECKS, checked_source, noise_sources, with_checked_sources
-from .datasheet_errors import (
-    GAIN,
-    did_you_mean,
-    doubts,
-    faults,
-    fields_of,
-    key_meant,
-    unknown_field,
-)
+from .datasheet_errors import did_you_mean, doubts, faults, fields_of, key_meant, unknown_field
 from .field_catalogue import camera_file
 from .figures import EmvaFigures, emva_figures, saturation_e
 from .filters import band_seen_nm, filter_numbers, qe_of_filters
-from .gain_ladder import (
-    Gains,
-    at_gain,
-    gain_notes,
-    refuse_missing_sense_gain,
-    replaced_gain_notes,
-)
+from .gain_ladder import Gains, at_gain, gain_notes, replaced_gain_notes, require_sense_gain
 from .lens_datasheet import LensSection, lens_notes
 from .notebook import camera_html
 from .readouts import (
@@ -61,6 +47,7 @@ SET_BY_USER, SET_BY_SCENE = "set by the user", "set by the scene file"
 SHORT = Exposure(0.0)
 QE_CURVES = "quantum_efficiency.curves"  # the other ways of giving the QE become curves
 QE_FIELDS = "quantum_efficiency.value", "quantum_efficiency.file", QE_CURVES
+GAIN = "readout.gain_dn_per_e"
 ALTERNATIVES = QE_FIELDS, (GAIN, "adc.full_scale_v")
 """Groups of fields that exclude each other: setting one unsets the others."""
 
@@ -206,7 +193,7 @@ class Camera(FileTable):
         is_k_replaced = GAIN in unset and self.readout.gain_dn_per_e is not None
         is_k_replaced &= "readout" not in changes
         if is_k_replaced:
-            refuse_missing_sense_gain(self, data)
+            require_sense_gain(self, data)
         camera = checked_camera(data, self.name)
         camera._added = self._added
         if is_k_replaced:

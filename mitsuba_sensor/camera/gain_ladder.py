@@ -179,7 +179,7 @@ def _changes(camera: Camera, setting: GainSetting) -> dict[str, Any]:
     return given
 
 
-def refuse_missing_sense_gain(camera: Camera, tables: Mapping[str, Any]) -> None:
+def require_sense_gain(camera: Camera, tables: Mapping[str, Any]) -> None:
     """Raise InputError if tables in which adc.full_scale_v replaced this camera's K have no sense gain."""
     readout = tables["readout"]
     if readout.get("sense_gain_uv_per_e") is None and readout.get("ve_k1_c") is None:

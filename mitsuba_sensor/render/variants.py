@@ -10,12 +10,13 @@ from dataclasses import dataclass, replace
 from functools import cache, wraps
 from pathlib import Path
 from types import ModuleType
-from typing import Any, ParamSpec, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
 
-import numpy as np
-
-from ..core import Array, Float64Array, InputError, nearest
+from ..core import InputError, nearest
 from ..core.llvm import backend_problem, drjit, llvm_remedy, llvm_version
+
+if TYPE_CHECKING:
+    from ..core import Array, Float64Array
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -155,6 +156,8 @@ def evaluate(
 ) -> list[Float64Array]:
     """Return the outputs, each (N, …), of a function of Mitsuba's numbers for inputs (N, k): all at once, or one by one
     in scalar variants."""
+    import numpy as np  # not before the command line shows its help
+
     if mitsuba().variant().startswith("scalar"):
         rows = [
             [np.array(out, np.float64) for out in function(*row)] for row in inputs.tolist()

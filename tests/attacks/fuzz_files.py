@@ -305,7 +305,7 @@ def sentences_wrong(said: str) -> str:
     return next(
         (
             f"says {text!r}"
-            for text in ("Traceback", "pydantic", "errors.", "0x7f")
+            for text in ("Traceback", "pydantic", "errors.pydantic", "0x7f")
             if text in said
         ),
         "",

@@ -108,7 +108,10 @@ NEVER: dict[str, tuple[dict[str, Any], str]] = {
         "must be one text or number",
     ),
     "a table of a table": ({"list": [{"camera": {"adc": {"bits": 12}}}]}, "in quotes"),
-    "no frames": ({"grid": {"frames": [0]}}, "frames is 0; it must be from 1 to 65535"),
+    "no frames": (
+        {"grid": {"frames": [0]}},
+        "frames is 0; it must be a whole number from 1 to 65535",
+    ),
     "one field by two names": (
         {"grid": {"f_number": [2], "camera.lens.f_number": [4]}, "list": []},
         "'camera.lens.f_number' twice",
@@ -125,7 +128,7 @@ NEVER: dict[str, tuple[dict[str, Any], str]] = {
     "parameter of no scene": ({"grid": {"parameters.foo": [1]}}, "has no parameter 'foo'"),
     "too many numbers": (
         {"grid": {"traverse.ball.bsdf.reflectance.value": [[1.0, 2.0]]}},
-        "has 2 numbers; it takes one",
+        "the number of values must be 1",
     ),
     "motion of nothing": (
         {
@@ -144,7 +147,7 @@ NEVER: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "a lens that opens less far": (
         {"cameras": [{"camera": "bayer_2mp", "set": {"lens.prescription": "singlet"}}]},
-        "set lens.f_number to 7.98 or more",
+        "lens.f_number is 2; it must be at least 7.98",
     ),
     "frames beyond any memory": (
         {

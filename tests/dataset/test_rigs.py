@@ -132,7 +132,7 @@ def test_sensors_are_placed_named_and_listed_as_the_file_says(tmp_path: Path) ->
         ({"sensors": "lefft"}, r"no sensor 'lefft'.*Did you mean 'left'"),
         (
             {"sensors": "all", "motion": {"camera": {"keys": KEYS[:2]}}},
-            r"the motion has a pose of the camera in the world, where all 2 sensors",
+            r"the motion has a pose of the camera in the world, which would put all 2 sensors",
         ),
         ({"views": [{"up": [0, 1, 0]}]}, r"a pose needs origin_m and target_m"),
         (

@@ -228,7 +228,7 @@ def test_no_native_code_beside_a_scene_is_run(tmp_path: Path) -> None:
         scene_references(scene, {})
     for kind, said in (
         ("evil", "native code that would be run"),
-        ("../evil", "name of a plugin"),
+        ("../evil", "not a plugin name"),
     ):
         scene = write_scene(
             tmp_path, scene_text(SKY, BALL.format(bsdf=f'<bsdf type="{kind}"/>'))

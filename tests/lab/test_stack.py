@@ -106,7 +106,7 @@ def test_a_variance_in_electrons_has_the_interval_of_k_squared() -> None:
     [
         ({"frames": np.zeros((3, 4))}, "shape"),
         ({"frames": np.zeros((2, 2, 2), bool)}, "frames are bool"),
-        ({"frames": np.full((1, 1, 2), np.nan)}, "NaN or infinite in 2 place"),
+        ({"frames": np.full((1, 1, 2), np.nan)}, "2 value.s. that are NaN or infinite"),
         ({"exposure_s": math.nan}, "exposure_s is nan"),
         ({"photons": -1.0}, "from -1"),
         ({"photons": np.ones(3)}, "photons has shape"),

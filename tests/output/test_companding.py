@@ -83,11 +83,11 @@ def test_a_camera_of_more_than_16_bits_needs_knees_for_a_dng(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("knees", "said"),
     [
-        ([[0, 0]], "one or more behind"),
-        ([[5, 0], [10, 5]], "begins with"),
-        ([[0, 0], [10, 5], [10, 6]], "both codes rise"),
+        ([[0, 0]], "at least one more"),
+        ([[5, 0], [10, 5]], "starts with"),
+        ([[0, 0], [10, 5], [10, 6]], "both codes must rise"),
         ([[0, 0], [10, 20]], "at most as many"),
-        ([[0, 0], [10_000, 5_000]], "more bits"),
+        ([[0, 0], [10_000, 5_000]], "raise bits"),
     ],
 )
 def test_knees_that_cannot_be_inverted_are_refused(knees: list[list[int]], said: str) -> None:

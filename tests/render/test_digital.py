@@ -406,7 +406,7 @@ def test_a_chain_without_a_closed_form_has_expected_codes_and_no_likelihood() ->
     rts = ms.load_camera("konnik_table1").replace(
         **{"dark_current.rts_fraction": 0.1, "dark_current.rts_amplitude_e_per_s": 100.0}
     )
-    with pytest.raises(ms.InputError, match=r"likelihood .*rts_state.*ms.digital"):
+    with pytest.raises(ms.InputError, match=r"likelihood, .*rts_state.*ms.digital"):
         ms.raw_log_likelihood(np.full((12, 16), 100), image, rts, sensor=sensor)
     plain, found = (
         np.array(ms.digital(image, camera, sensor=sensor))

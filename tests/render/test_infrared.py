@@ -116,8 +116,8 @@ def test_a_camera_that_sees_nothing_beyond_keeps_its_bytes(tmp_path: Path) -> No
 
 def test_up_to_700_nm_a_colour_under_a_rule_is_mitsubas() -> None:
     """A band about 650 nm of a camera that sees as far as 1000 nm. The wavelengths that are drawn within the band leave
-    0.2 % of noise."""
-    many = {**SMALL, "spp": 400}
+    0.14 % of noise (3.5 standard errors)."""
+    many = {**SMALL, "spp": 1600}
     held = ms.render(scene(RGB), INFRARED, EXPOSURE, **many)
     plain = ms.render(scene(RGB), VISIBLE, EXPOSURE, **many)
     grey = [ms.render(scene(GREY), camera, EXPOSURE, **many) for camera in (INFRARED, VISIBLE)]

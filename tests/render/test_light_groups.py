@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import math
 import re
 from dataclasses import replace
@@ -247,7 +248,7 @@ def test_the_illuminant_is_that_of_the_scene_and_follows_the_levels(tmp_path: Pa
 BAD = {
     "a level that is no number": (
         {"light_groups": "auto", "lights": {"env": True}},
-        "neither a level nor a waveform",
+        "must be a level or a waveform",
     ),
     "no such emitter": (
         {"light_groups": "lamp=lamb_1"},
@@ -266,7 +267,7 @@ BAD = {
         "no light group 'skies'",
     ),
     "negative level": ({"light_groups": "auto", "lights": {"env": -1}}, "the level of env"),
-    "no level": ({"lights": ["env"]}, "neither a level nor a waveform"),
+    "no level": ({"lights": ["env"]}, "must be a level or a waveform"),
     "no groups to change": ({"lights": {"env": 1}}, "light_groups='auto'"),
     "a render for each frame": (
         {"lights": {"env": 1}, "render_noise": "per-frame"},
@@ -307,9 +308,8 @@ def test_too_many_groups_are_refused_before_the_scene_is_loaded_with_those_that_
     with pytest.raises(ms.InputError, match="makes 19 groups") as refused:
         ms.render("night_crossing", light_groups="auto")
     said = str(refused.value)
-    groups = dict(re.findall(r"--light-groups (\w+)=([\w*,]+)", said))
+    groups = ast.literal_eval(re.findall(r"light_groups=(\{.*\})", said)[0])
     assert groups["lamp"] == "lamp_*" and groups["moon"] == "moon" and len(groups) <= 16
-    assert str(groups) in said
     scene = parse("night_crossing", {})
     found = light_groups_of(scene, checked_light_groups("light_groups", groups))
     assert [one.name for one in found] == list(groups)

@@ -286,8 +286,10 @@ def test_light_behind_polarisers_is_for_the_same_polarisers_at_the_same_place(
 ) -> None:
     light = behind_plate["mosaic"]
     other = MOSAIC.replace(**{"sensor.extinction_ratio": 5})
-    for camera, has in ((PLAIN, "none"), (other, "others")):
-        with pytest.raises(ms.InputError, match=f"{camera.name} has {has}; render it for this"):
+    for camera in (PLAIN, other):
+        with pytest.raises(
+            ms.InputError, match=f"another camera than {camera.name}; render it"
+        ):
             ms.expose(light, camera)
     with pytest.raises(ms.InputError, match="move it by a multiple of 2 rows and 2 columns"):
         ms.expose(light, origin=(4, 3))

@@ -170,7 +170,7 @@ def test_another_lens_comes_too_late_for_light_that_is_rendered(
 ) -> None:
     options = ("-o", tmp_path / "out") if command == "expose" else ()
     done = cli(command, light_file, *options, "--set", "lens.f_number=16")
-    assert done.exit_code == 2 and "comes too late" in " ".join(done.stderr.split())
+    assert done.exit_code == 2 and "already passed the lens" in " ".join(done.stderr.split())
 
 
 def test_a_prescription_by_set_takes_focal_length_and_focus_of_the_scene(

@@ -114,7 +114,7 @@ def test_sentences_name_the_sensors() -> None:
         ms.InputError, match=r"for frames of a scene .*; give one of left, right"
     ):
         ms.render(scene(PAIR), "konnik_table1", EXPOSURE, sensor="all")
-    with pytest.raises(ms.InputError, match="give the id of a sensor"):
+    with pytest.raises(ms.InputError, match="must be the id of a sensor"):
         ms.capture(scene(PAIR), "konnik_table1", EXPOSURE, sensor=1.5)  # type: ignore[arg-type]
     with pytest.raises(ms.InputError, match=r"would put all 2 sensors in one place"):
         ms.capture(scene(PAIR), "konnik_table1", EXPOSURE, sensor="all", look_at="0,0,4 0,0,0")

@@ -196,7 +196,7 @@ def test_all_exposures_of_a_frame_fit_into_its_period(flat: ms.Irradiance) -> No
     with pytest.raises(ms.InputError, match="with later exposures"):
         ms.expose(light, CAMERA, EXPOSURE, frames=2, frame_period_s=0.99 * span_s)
     ms.expose(light, CAMERA, EXPOSURE, frames=2, frame_period_s=1.01 * span_s)
-    with pytest.raises(ms.InputError, match="gap_us belongs to a charge of its own"):
+    with pytest.raises(ms.InputError, match="gap_us needs a separate charge"):
         PLAIN.replace(readouts=[READOUTS[0], {"name": "low", "gap_us": 5.0}])
 
 

@@ -198,7 +198,7 @@ def test_without_llvm_the_compiled_engine_says_what_to_do(
     )
     monkeypatch.setattr("mitsuba_sensor.core.llvm._first_usable", lambda libraries: None)
     with pytest.raises(
-        ms.InputError, match=r"take engine numpy, or .*apt-get install libllvm19\.$"
+        ms.InputError, match=r"use engine numpy, or .*apt-get install libllvm19\.$"
     ):
         ms.expose([[1.0]], TABLE1, EXPOSURE, engine="drjit")
 

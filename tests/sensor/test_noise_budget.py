@@ -114,7 +114,7 @@ def test_a_budget_is_that_of_its_frames_and_of_each_readout() -> None:
     assert later.noise_budget().change_of("source follower noise").shape == SHAPE
     light = ms.Photons(np.full((64, 64), 1000.0), detected=True)
     frames = ms.expose(light, "scmos_dual_gain", EXPOSURE)
-    with pytest.raises(ms.InputError, match="of one read-out"):
+    with pytest.raises(ms.InputError, match="of one readout"):
         frames.noise_budget()
     for name, one in frames.readouts.items():
         *_, total = one.noise_budget().rows

@@ -173,7 +173,7 @@ WRONG = {
     "lens(distortion=[0.1, 0, 0, 0, 0], distortion_percent=[0.0, -1.0], distortion_heights_mm=[0.0, 2.0])": "either",
     "lens(focus_m=2.0)": "prescription",
     "lens(prescription='double_gauss', distortion=[0.1, 0, 0, 0, 0])": "determines distortion",
-    "table1(pixel__angular_response=[1.0, 0.5])": "together",
+    "table1(pixel__angular_response=[1.0, 0.5])": "or neither",
     "table1(pixel__angular_response=[0.9, 0.8], pixel__angular_response_deg=[0.0, 3.0])": "0.9",
     "table1(pixel__angular_response=[1.0, 0.8], pixel__angular_response_deg=[1.0, 3.0])": "begin at 0",
 }

@@ -33,7 +33,9 @@ def light(seed: int, shape: tuple[int, int] = (40, 60)) -> Any:
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("name", ["table 1", "rts, ar"])
+@pytest.mark.parametrize(
+    "name", ["table 1", pytest.param("rts, ar", marks=pytest.mark.exhaustive)]
+)
 def test_calls_one_after_the_other_are_the_frames_of_expose(name: str, engine: str) -> None:
     """Light, exposure, shape, origin, seed and number of frames change from call to call; the bytes are the same.
 
