@@ -17,7 +17,7 @@ from pydantic import (
     model_validator,
 )
 
-from ..core import Doubt, Exposure, InputError, nearest, refuse_masked
+from ..core import Doubt, Exposure, InputError, nearest, refuse_masked, warn_of
 from ..core.errors import shown
 from ..stages.chain import ORDER, chain, check_added, whole_chain
 from ..stages.combined_readouts import CombinedReadouts
@@ -31,7 +31,7 @@ from .datasheet_errors import did_you_mean, doubts, faults, fields_of, key_meant
 from .field_catalogue import camera_file
 from .figures import EmvaFigures, emva_figures, saturation_e
 from .filters import band_seen_nm, filter_numbers, qe_of_filters
-from .gain_ladder import Gains, at_gain, gain_notes
+from .gain_ladder import Gains, at_gain, gain_notes, replaced_gain_notes, require_sense_gain
 from .lens_datasheet import LensSection, lens_notes
 from .notebook import camera_html
 from .readouts import (
@@ -47,7 +47,8 @@ SET_BY_USER, SET_BY_SCENE = "set by the user", "set by the scene file"
 SHORT = Exposure(0.0)
 QE_CURVES = "quantum_efficiency.curves"  # the other ways of giving the QE become curves
 QE_FIELDS = "quantum_efficiency.value", "quantum_efficiency.file", QE_CURVES
-ALTERNATIVES = QE_FIELDS, ("readout.gain_dn_per_e", "adc.full_scale_v")
+GAIN = "readout.gain_dn_per_e"
+ALTERNATIVES = QE_FIELDS, (GAIN, "adc.full_scale_v")
 """Groups of fields that exclude each other: setting one unsets the others."""
 
 
@@ -189,8 +190,14 @@ class Camera(FileTable):
             }
             if path and value is not None:
                 data["sources"][QE_CURVES if dotted in QE_FIELDS else dotted] = SET_BY_USER
+        is_k_replaced = GAIN in unset and self.readout.gain_dn_per_e is not None
+        is_k_replaced &= "readout" not in changes
+        if is_k_replaced:
+            require_sense_gain(self, data)
         camera = checked_camera(data, self.name)
         camera._added = self._added
+        if is_k_replaced:
+            warn_of(replaced_gain_notes(self, camera))
         return camera
 
     def at_gain(self, setting: float | str | None) -> Camera:

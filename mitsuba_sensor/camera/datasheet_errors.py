@@ -121,7 +121,7 @@ class Fault(NamedTuple):
 
 
 def faults(error: ValidationError, model: type[BaseModel], kind: str = "camera") -> list[Fault]:
-    """Return all errors; a misspelled required field counts once.  kind : of the file."""
+    """Return all errors, unknown fields first; a misspelled required field counts once.  kind : of the file."""
     errors = {
         tuple(part for part in details["loc"] if part != KEY): details
         for details in error.errors(include_url=False)
@@ -132,11 +132,12 @@ def faults(error: ValidationError, model: type[BaseModel], kind: str = "camera")
         for loc, details in errors.items()
         if details["type"] == "extra_forbidden"
     }
-    return [
+    wrong = [
         Fault(loc, _text(loc, details, model, kind, meant.get(loc)), details["type"])
         for loc, details in errors.items()
         if details["type"] != "missing" or dotted(loc) not in meant.values()
     ]
+    return sorted(wrong, key=lambda fault: fault.loc not in meant)
 
 
 def sentence(
@@ -275,7 +276,8 @@ def key_meant(name: str, known: Iterable[str]) -> str | None:
     for term in (_as_term(name), last, UNIT.sub("", last)):
         if MEANT.get(term) in keys:
             return MEANT[term]
-    return closest(name, sorted(keys))
+    longer = [key for key in keys if key.rpartition(".")[2].startswith(f"{last}_")]
+    return longer[0] if len(longer) == 1 else closest(name, sorted(keys))
 
 
 def proposal(name: str, key: str | None) -> str:

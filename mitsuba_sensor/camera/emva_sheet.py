@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -21,6 +22,8 @@ from .datasheet_errors import sentence
 BLACK_LEVEL_SIGMAS = 4
 BLACK_LEVEL_MAX = 1 / 8  # of the codes
 SHEET = "EMVA 1288 sheet"
+SIZE_OF_TEXT = re.compile(r"^\s*(\w+)\s*=\s*(\d+)\s*[x×*]\s*(\d+)", re.MULTILINE)
+"""A pair as sheets print it, ``size = 1440x1080``, which is not TOML."""
 PERCENT_MIN = {"qe_percent": 1.5, "prnu_percent": 0.05}
 """Percentage → smallest value; a smaller number is probably a fraction."""
 FULL_SCALE_REACHED = 0.7, 1.1
@@ -142,12 +145,19 @@ COMPARED = {
 
 
 def read_sheet(path: str | Path) -> EmvaSheet:
-    """Return the rows in a TOML file, one ``NAME = VALUE`` per line. Raises InputError."""
-    text = text_of_file(Path(path), "give a text file with the rows of an EMVA 1288 sheet")
+    """Return the rows in a TOML file. Raises InputError."""
+    text = text_of_file(Path(path), "give a TOML file with the rows of an EMVA 1288 sheet")
     try:
         return EmvaSheet.model_validate(toml_tables(text))
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path} is not valid TOML: {error}.") from None
+        if pair := SIZE_OF_TEXT.search(text):
+            name, columns, rows = pair.groups()
+            raise InputError(
+                f"{path}: {pair[0].strip()} is not TOML; write {name} = [{columns}, {rows}]."
+            ) from None
+        raise InputError(
+            f"{path} is not valid TOML: {error}; write rows like bits = 12 and size = [1920, 1200]."
+        ) from None
     except ValidationError as error:
         raise InputError(sentence(error, EmvaSheet, str(path), "sheet")) from None
 

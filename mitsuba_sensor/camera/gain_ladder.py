@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from ..core import InputError
+from ..core import Doubt, InputError
 from ..core.errors import shown
 from ..stages.datasheet import FileTable, NotNegative, Positive, optional
 from ..stages.effects.source_follower_noise import check_shape
@@ -177,6 +177,26 @@ def _changes(camera: Camera, setting: GainSetting) -> dict[str, Any]:
         if offset and not math.isclose(swing, 1):
             given[field] = offset * swing
     return given
+
+
+def require_sense_gain(camera: Camera, tables: Mapping[str, Any]) -> None:
+    """Raise InputError if tables in which adc.full_scale_v replaced this camera's K have no sense gain."""
+    readout = tables["readout"]
+    if readout.get("sense_gain_uv_per_e") is None and readout.get("ve_k1_c") is None:
+        raise InputError(
+            f"{camera.name}: adc.full_scale_v replaces readout.gain_dn_per_e {camera.readout.gain_dn_per_e:.4g}, and "
+            "the sense gain is missing; also set readout.sense_gain_uv_per_e, e.g. 5, or set readout.gain_dn_per_e."
+        )
+
+
+def replaced_gain_notes(camera: Camera, changed: Camera) -> Iterator[Doubt]:
+    """Yield a note if K differs after adc.full_scale_v replaced readout.gain_dn_per_e."""
+    old, new = camera.system_gain_dn_per_e, changed.system_gain_dn_per_e
+    if not math.isclose(old, new, rel_tol=SAME):
+        yield Doubt(
+            f"readout.gain_dn_per_e {camera.readout.gain_dn_per_e:.4g} was replaced by adc.full_scale_v; K is now "
+            f"{new:.4g} DN/e-; set readout.gain_dn_per_e instead to choose K"
+        )
 
 
 def gain_notes(camera: Camera) -> tuple[str, ...]:

@@ -63,7 +63,9 @@ COMMANDS = {
     "cameras": Listed("catalogue", THINGS, "List, show, write and check camera files."),
     "scenes": Listed("catalogue", THINGS, "List, show and copy the included scenes."),
     "fpn-maps": Listed("commands", THINGS, "Write a camera's fixed-pattern noise maps."),
-    "lint": Listed("commands", THINGS, "Find what in a scene is black or wrong for a camera."),
+    "lint": Listed(
+        "commands", THINGS, "Find parts of a scene that this camera would see black or wrong."
+    ),
     "dataset": Listed("datasets", THINGS, "Make thousands of raw frames from one TOML file."),
     "characterize": Listed("laboratory", CHECKS, "Measure a camera as EMVA 1288 requires."),
     "sheet": Listed(

@@ -72,7 +72,7 @@ def budget(
         return _show_sweep(ms.snr_curve(camera, exposure), as_json, remarks)
     source: ms.Photons | ms.Irradiance
     if irradiance is None:
-        source = _uniform_light(electrons, camera)
+        source = _uniform_light(str(electrons), camera, readout)
     else:
         source = ms.read_irradiance(irradiance)
     if readout is not None:
@@ -89,11 +89,18 @@ def _show_sweep(curve: SnrCurve, as_json: bool, remarks: list[str]) -> None:
     show_remarks(as_json, [about, *remarks])
 
 
-def _uniform_light(electrons: str | None, camera: ms.Camera) -> ms.Photons:
-    """Return this many photoelectrons in every pixel of a window."""
-    from ..core import require
+def _uniform_light(electrons: str, camera: ms.Camera, readout: str | None) -> ms.Photons:
+    """Return this many photoelectrons in every pixel of a window. Raises InputError if they saturate all readouts."""
+    from ..core import InputError, require
 
-    mean_e = require("electrons", number(str(electrons)), 0, 1e9, "per pixel, e.g. 1000")
+    mean_e = require("electrons", number(electrons), 0, 1e9, "per pixel, e.g. 1000")
+    read = camera if readout is None else camera.at_readout(readout)
+    saturation_e = max(x.saturation_e for x in (read.readout_cameras or {"": read}).values())
+    if mean_e > saturation_e:
+        name = camera.name if readout is None else f"readout {readout} of {camera.name}"
+        raise InputError(
+            f"{electrons} e- is above the saturation of {name} ({saturation_e:.5g} e-); give fewer electrons."
+        )
     shape = [min(n, SIDE_MAX_PX) for n in (camera.sensor.rows, camera.sensor.columns)]
     return ms.Photons(np.full(shape, mean_e), detected=True)
 

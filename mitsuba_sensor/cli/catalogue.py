@@ -78,7 +78,7 @@ def new_camera(
     if flags["emva"]:
         sheet, source = read_sheet(flags["emva"]), "its EMVA 1288 sheet"
         description = flags["description"] or "by its EMVA 1288 sheet"
-        camera = camera_of_sheet(sheet, name, description).replace(**changes)
+        camera = inputs.with_changes(camera_of_sheet(sheet, name, description), changes)
         notes = comparisons(sheet, camera)
     else:
         like = ms.load_camera(flags["like"] or DEFAULT_CAMERA)
@@ -149,10 +149,10 @@ def import_command(
     changes the --like camera before the conversion, e.g. adc.bits.
     """
     from ..output.importers.import_camera import import_camera
-    from .inputs import changes_of, new_file
+    from .inputs import changes_of, new_file, with_changes
 
     file = new_file(out, "my.toml", flags["force"])
-    like = ms.load_camera(flags["like"]).replace(**changes_of(flags))
+    like = with_changes(ms.load_camera(flags["like"]), changes_of(flags))
     camera = import_camera(sources, like, flags["name"])
     _write(file, camera, as_json, camera.description, [])
 
@@ -167,7 +167,7 @@ def check_camera(
     Exit code: 0 without errors, 2 if the file cannot be used.
     """
     from ..optics import image_record
-    from .inputs import changes_of
+    from .inputs import changes_of, with_changes
     from .tables import counted
 
     findings, changes = ms.check_camera(name), changes_of(flags)
@@ -180,7 +180,7 @@ def check_camera(
     facts |= {"airy_disk": None, "pixel_mtf": None}
     lines = [*map(str, findings)]
     if "error" not in levels:
-        camera = ms.load_camera(name).replace(**changes)
+        camera = with_changes(ms.load_camera(name), changes)
         lines += [f"{name}: {line}" for line in image_record.optics_sentences(camera)]
         facts["airy_disk"] = image_record.airy_record(camera)
         facts["pixel_mtf"] = image_record.pixel_mtf_record(camera)

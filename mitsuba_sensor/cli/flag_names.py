@@ -36,7 +36,10 @@ EXPOSURE = re.compile(
 ARGUMENT = re.compile(
     rf"(?<!-D )(?<!--set )(?<![\w./'\"*-])(?P<name>[a-z_]+)=(?P<value>{VALUE})?"
 )
-SUBJECT = re.compile(r"^(?P<name>[a-z_]+)(?= (?:is|has) )")
+SUBJECT = re.compile(
+    rf"^(?P<first>(?:--[\w-]+ is {VALUE} and )?)(?P<name>[a-z_]+) (?P<verb>is|has)"
+    r"(?: '?(?P<number>-?\d+)(?:'|\.0(?!\d)))?(?= |;|,|$)"
+)
 
 
 def flag_of(option: Declared) -> str:
@@ -52,12 +55,24 @@ def with_flags(message: str) -> str:
     message = SETTING.sub(lambda found: f"--{found[1]} {_quoted(_plain(found[2]))}", message)
     message = EXPOSURE.sub(_exposure, message)
     message = ARGUMENT.sub(_argument, message)
-    message = SUBJECT.sub(
-        lambda found: FLAGS.get(found["name"], found[0]).split("/")[0], message
-    )
+    for _ in range(2):  # "spp is 16 and noise_ratio is 0.1"
+        message = SUBJECT.sub(_subject, message)
     for phrase, typed in PHRASES.items():
         message = message.replace(phrase, typed)
     return message
+
+
+def _subject(found: re.Match[str]) -> str:
+    """Return the beginning of a sentence with the flag of its argument, and a number as it was typed."""
+    if found["name"] not in FLAGS:
+        return found[0]
+    number = f" {found['number']}" if found["number"] else ""
+    return f"{found['first']}{_on(FLAGS[found['name']])} {found['verb']}{number}"
+
+
+def _on(flag: str) -> str:
+    """Return the first name of a flag that switches on: ``--gain`` of ``--gain --iso``."""
+    return flag.partition("/")[0].split()[0]
 
 
 def _settings(fields: str) -> str:
@@ -79,14 +94,14 @@ def _argument(found: re.Match[str]) -> str:
     flag = FLAGS.get(found["name"])
     if flag is None:
         return found[0]
-    on, _, off = flag.partition("/")
+    on, off = _on(flag), flag.partition("/")[2]
     if found["value"] is None:
-        return on.split()[0]
+        return on
     value = _plain(found["value"])
     if isinstance(value, bool):
         return on if value else off or f"no {on}"
     pairs = [f"{k}={v}" for k, v in value.items()] if isinstance(value, Mapping) else [value]
-    return " ".join(f"{on.split()[0]} {_quoted(pair)}" for pair in pairs)
+    return " ".join(f"{on} {_quoted(pair)}" for pair in pairs)
 
 
 def _plain(text: str) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from fnmatch import fnmatch
 from pathlib import Path
@@ -12,7 +13,7 @@ import mitsuba_sensor as ms
 from ..camera.camera_file import toml_value
 from ..camera.shipped import DEFAULT_CAMERA
 from ..capture import SensorView
-from ..core import InputError, first_given
+from ..core import InputError, SensorWarning, first_given
 from ..files.appearing import refuse_empty, replaced_in
 from ..output.exr import rendered_for
 from ..render.scene.parse_scene import parse, parse_sensors
@@ -93,8 +94,8 @@ def camera_of(flags: Flags, settings: SceneSettings = NO_SCENE) -> ms.Camera:
         camera = ms.load_camera(name)
     else:
         camera = settings.camera or ms.load_camera(DEFAULT_CAMERA)
-        camera = settings.applied_to(camera.replace(**changes) if changes else camera)
-    camera = camera.at_gain(flags.get("gain")).replace(**changes)
+        camera = settings.applied_to(with_changes(camera, changes) if changes else camera)
+    camera = with_changes(camera.at_gain(flags.get("gain")), changes)
     if flags.get("readout") is not None:
         camera = camera.at_readout(flags["readout"])
     return camera.without(*flags.get("without") or ())
@@ -133,6 +134,16 @@ def settings_of(irradiance: str, flags: Flags) -> SceneSettings:
 def changes_of(flags: Flags) -> dict[str, Any]:
     """Return the fields that --set changes, for ``Camera.replace``; None unsets a field."""
     return {field: toml_value(text) for field, text in (flags.get("settings") or {}).items()}
+
+
+def with_changes(camera: ms.Camera, changes: dict[str, Any]) -> ms.Camera:
+    """Return the camera with the fields that --set changes; print a note if they replace K."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", SensorWarning)
+        changed = camera.replace(**changes)
+    for warning in caught:
+        _note(str(warning.message))
+    return changed
 
 
 def new_file(name: str, example: str, force: bool = True) -> Path:

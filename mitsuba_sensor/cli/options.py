@@ -118,7 +118,7 @@ class NewCameraFlags(TypedDict, total=False):
     emva: Annotated[
         str | None,
         Option(
-            "Convert an EMVA 1288 sheet instead: a file with one NAME = VALUE per line.",
+            "Convert an EMVA 1288 sheet instead: a TOML file with its rows, e.g. bits = 12.",
             metavar="FILE",
         ),
     ]

@@ -182,9 +182,13 @@ class SensorNoise:
         self.gains = tuple(gain) if isinstance(gain, list | tuple) else (gain,)
         self.engine = "drjit" if backend_problem("llvm") is None else "numpy"
         if (self.white_e is None) != (self.values == "electrons"):
+            if self.white_e is None:
+                raise InputError(
+                    "white_e is missing: give the photoelectrons at white, e.g. 2000, or (50, 2000) to draw it; only "
+                    "values='electrons' needs none."
+                )
             raise InputError(
-                f"values is {self.values!r} and white_e {self.white_e}; 'linear' and 'srgb' need white_e, e.g. "
-                "(50, 2000), but 'electrons' does not take it."
+                f"white_e is {shown(options.get('white_e'))} and values='electrons' needs none; omit one of them."
             )
         if not self.gains:
             raise InputError(f"gain is {gain!r}; pass one setting or several, or omit it.")

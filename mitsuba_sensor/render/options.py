@@ -236,9 +236,9 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     spp: Annotated[
         int | None,
         Option(
-            "Samples (light paths) per pixel over all passes, within an eighth; four times as many halve the render "
-            "noise. Default: 72; without denoising up to 252, until 95 % of the lit pixels have less render noise than "
-            "sensor noise.",
+            "Samples per pixel (light paths); rounded to full passes, at most an eighth more or less. Four times as "
+            "many halve the render noise. Default: 72; without denoising up to 252, until 95 % of the lit pixels have "
+            "less render noise than sensor noise.",
             low=1,
             high=MOST_IN_ALL,
             example="256",

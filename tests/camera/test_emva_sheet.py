@@ -54,3 +54,20 @@ def test_one_over_k_is_found_where_the_sheet_contradicts_it(
 def test_other_sheets_pass(gain: float, saturation_e: float, tmp_path: Path) -> None:
     """A well or an ADC may saturate first, and K near 1 is not contradicted."""
     camera_of(tmp_path, gain_dn_per_e=gain, saturation_e=saturation_e)
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("size = 1440x1080", r"write size = \[1440, 1080\]"),
+        ("qe = 64", r"qe is not a field of a sheet file\. Did you mean 'qe_percent'\?"),
+        ("colour = 64", "colour is not a field of a sheet file"),
+    ],
+)
+def test_a_row_that_is_not_toml_or_unknown_is_named(
+    row: str, message: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "sheet.toml"
+    path.write_text(f"bits = 12\n{row}\n", "utf-8")
+    with pytest.raises(ms.InputError, match=message):
+        read_sheet(path)

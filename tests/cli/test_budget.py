@@ -62,3 +62,21 @@ def test_the_budget_of_a_camera_with_readouts_is_that_of_each_and_of_the_combina
     assert "readout low" in cli(*argv).stdout
     alone = json.loads(cli(*argv, "--readout", "low", "--json").stdout)
     assert alone == found["readouts"]["low"]
+
+
+def test_electrons_above_saturation_are_rejected_and_a_replaced_k_is_noted(
+    cli: Callable[..., Any], tmp_path: Path
+) -> None:
+    saturation_e = f"{ms.load_camera('sony_imx174').saturation_e:.5g}"
+    done = cli("budget", "--camera", "sony_imx174", "--electrons", "1e6")
+    assert done.exit_code == 2 and "1e6 e- is above the saturation" in done.stderr
+    assert f"({saturation_e} e-)" in done.stderr
+    k = ("--set", "readout.gain_dn_per_e=0.2")
+    assert (
+        cli("cameras", "new", tmp_path / "k.toml", "--like", "sony_imx174", *k).exit_code == 0
+    )
+    volts = ("--electrons", 1000, "--set", "adc.full_scale_v=1")
+    done = cli("budget", "--camera", tmp_path / "k.toml", *volts)
+    assert (
+        done.exit_code == 0 and done.stderr.count("was replaced by adc.full_scale_v; K is") == 1
+    )

@@ -16,6 +16,10 @@ from mitsuba_sensor.cli.flag_names import with_flags
 
 TABLE = {
     "spp is 0; it must be at least 1": "--spp is 0; it must be at least 1",
+    "gain is '800'; the gain settings are 100, 400": "--gain is 800; the gain settings are 100, 400",
+    "spp is 16 and noise_ratio is 0.1; omit one of them.": "--spp is 16 and --noise-ratio is 0.1; omit one of them.",
+    "luminance is 0.0; it must be above 0": "--luminance is 0; it must be above 0",
+    "luminance is 0.05 and the picture is black": "--luminance is 0.05 and the picture is black",
     "time_s is -1; it must be at least 0": "--exposure-s is -1; it must be at least 0",
     "raise spp=, or set noise_ratio=0.1.": "raise --spp, or set --noise-ratio 0.1.",
     "the frame is wide; set width=640 (first_frame=3)": "the frame is wide; set --width 640 (--first-frame 3)",

@@ -202,8 +202,8 @@ SRGB: dict[str, Any] = {"values": "srgb", "white_e": 9.0}
 @pytest.mark.parametrize(
     ("options", "image", "said"),
     [
-        ({}, GREY, "need white_e"),
-        ({**WHITE, "values": "electrons"}, GREY, "'electrons' does not take it"),
+        ({}, GREY, "white_e is missing: give"),
+        ({**WHITE, "values": "electrons"}, GREY, " and values='electrons' needs none"),
         ({"white_e": (9.0, 2.0)}, GREY, "white_e is (9.0, 2.0); it must be one number, or"),
         ({**WHITE, "serial": 1.5}, GREY, "serial is 1.5; it must be a whole number"),
         ({**WHITE, "gain": []}, GREY, "gain is []; pass one setting or several"),

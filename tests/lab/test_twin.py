@@ -76,7 +76,7 @@ def test_a_twin_stands_next_to_its_datasheet(bench: Bench, trips: ModuleType) ->
     wrong = camera.replace(**{"adc.full_scale_v": 1.05 * camera.adc.full_scale_v})
     assert {row.twin.symbol: row.z for row in twin.beside(wrong)}["K"] > 4
     with pytest.raises(ms.InputError, match=r"read-?outs"):
-        twin.beside(ms.load_camera("scmos_dual_gain"))
+        twin.beside("scmos_dual_gain")
 
 
 def test_the_tables_make_a_camera_of_the_fitted_gain(bench: Bench) -> None:

@@ -42,7 +42,8 @@ def test_a_note_says_how_much_of_the_grain_is_the_renders(
     notes = list(noise_note(light, noise, frames))
     assert len(notes) == (begins is not None)
     assert all(
-        note.startswith(str(begins)) and "spp= above 64, or use" in note for note in notes
+        note.startswith(str(begins)) and "spp= above 64, or noise_ratio=0.1)" in note
+        for note in notes
     )
 
 
@@ -65,8 +66,8 @@ def test_a_noise_ratio_is_that_of_the_camera_and_exposure_of_its_render(
         rendered_for=RenderedFor(CAMERA, EXPOSURE, 1),
     )
     taken = ms.capture(known, CAMERA.replace(**settings), ms.Exposure(time_s))
-    goal = f"a render for this {new} with noise_ratio=0.1" if new else "noise_ratio=0.1"
-    assert sum(f", or use {goal}" in note for note in taken.metadata["notes"]) == 1
+    again = f"; render again{f' for this {new}' if new else ''} with more samples (spp="
+    assert sum(again in note for note in taken.metadata["notes"]) == 1
 
 
 def test_the_error_bars_of_two_passes_have_one_degree_of_freedom(light: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -61,11 +62,27 @@ def test_k_alone_makes_the_frames_that_volts_make(sense_uv: float) -> None:
 def test_one_gain_takes_the_place_of_the_other() -> None:
     camera = ms.load_camera("sony_imx174").replace(**{"readout.gain_dn_per_e": 0.2})
     assert camera.system_gain_dn_per_e == 0.2 and camera.adc.full_scale_v is None
-    back = camera.replace(**{"adc.full_scale_v": 1.67117})
+    with pytest.warns(
+        ms.SensorWarning, match=r"gain_dn_per_e 0\.2 was replaced .* K is now 0\.1225"
+    ):
+        back = camera.replace(**{"adc.full_scale_v": 1.67117})
     assert back.readout.gain_dn_per_e is None
     assert back.system_gain_dn_per_e == ms.load_camera("sony_imx174").system_gain_dn_per_e
     with pytest.raises(ms.InputError, match="and not both"):
         camera.replace(**{"adc.full_scale_v": 1.0, "readout.gain_dn_per_e": 0.1})
+
+
+def test_a_k_that_stays_or_was_named_is_no_warning_and_a_missing_sense_gain_is_named() -> None:
+    camera = ms.load_camera("sony_imx174").replace(**{"readout.gain_dn_per_e": 0.2})
+    same_v = camera.readout.sense_gain_uv_per_e * 1e-6 * 2**camera.adc.bits / 0.2
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ms.SensorWarning)
+        camera.replace(**{"adc.full_scale_v": same_v})
+        camera.replace(**{"adc.full_scale_v": 1.0, "readout.gain_dn_per_e": None})
+    with pytest.raises(
+        ms.InputError, match=r"gain_dn_per_e 0\.1225, and the sense gain is missing"
+    ):
+        ms.load_camera(TABLES).replace(**{"adc.full_scale_v": 1.0})
 
 
 def test_a_gain_setting_takes_the_place_of_k() -> None:

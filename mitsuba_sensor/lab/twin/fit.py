@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from ...camera.camera_file import camera_of
 from ...core import InputError
 from ...core.progress import automatic_progress, is_asked
 from ...core.types import Float64Array
@@ -21,7 +22,7 @@ from .fields import ASSUMED_K, NORMAL_SHAPE, Value, fields_of, full_well, read_n
 from .setting import Setting, fit_setting
 
 if TYPE_CHECKING:
-    from ...camera.camera import Camera
+    from ...camera.camera_file import AnyCamera
 
 NAME = "twin"
 ASSUMED: dict[str, Any] = {
@@ -106,19 +107,19 @@ class Twin:
             figures.append(response.end.known_as(replace(response.linear["η"], symbol=symbol)))
         return {figure.quantity.symbol: figure for figure in figures if figure.known}
 
-    def beside(self, camera: Camera) -> tuple[DatasheetRow, ...]:
+    def beside(self, camera: AnyCamera) -> tuple[DatasheetRow, ...]:
         """Return the figures of the twin next to those of a datasheet, with differences in standard errors.
 
         ::
 
-            print(*twin.beside(ms.load_camera("konnik_table1")), sep="\\n")
+            print(*twin.beside("konnik_table1"), sep="\\n")
 
-        camera : a camera with one readout, at the gain setting of the twin's base setting.
+        camera : a camera with one readout, its name or its file, at the gain setting of the twin's base setting.
         A single sensor unit may differ from its datasheet in K, black level, dark current and PRNU by more than the
         standard error.
         """
         kelvin = self.base.dark.quiet.temperature_k or ASSUMED_K
-        values = dict(datasheet_figures(camera, kelvin, self.wavelength_nm))
+        values = dict(datasheet_figures(camera_of(camera), kelvin, self.wavelength_nm))
         figures = {
             symbol.partition(" (")[0]: figure for symbol, figure in self.figures().items()
         }

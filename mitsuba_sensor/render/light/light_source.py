@@ -244,14 +244,14 @@ def noise_note(
     share = noise["share_of_variance_median"]
     if not noise["over_sensor_median"] > RENDER_NOISE_MAX:
         return
-    goal, known = f"noise_ratio={RENDER_NOISE_MAX:g}", light.rendered_for
+    again, known = "render again", light.rendered_for
     if known is not None:  # a noise ratio belongs to its camera and exposure
         shared = known.shared_with(frames.camera, frames.first.exposure, None)
         if new := [name for name in ("camera", "exposure") if name not in shared]:
-            goal = f"a render for this {' and '.join(new)} with {goal}"
+            again += f" for this {' and '.join(new)}"
     fraction = f"{share:.0%}" if share < SHARE_ALL else "nearly all"
     samples = light.statistics.samples_per_pixel
     yield Caution(
-        f"{fraction} of the noise variance of a typical pixel is the render's, not the camera's; raise "
-        f"spp= above {samples}, or use {goal}"
+        f"{fraction} of the noise variance of a typical pixel is the render's, not the camera's; "
+        f"{again} with more samples (spp= above {samples}, or noise_ratio={RENDER_NOISE_MAX:g})"
     )

@@ -241,7 +241,8 @@ def why_not_trusted(passes: int, fireflies: float, lost: int = 0) -> str:
         helps = "correct the texture, environment map or material that they come from"
         return f"the light is too dark by an unknown amount: {why}; {helps}"
     if passes < PASSES_MIN:
-        return f"error bars are guesses: {passes} passes of at least {PASSES_MIN}; raise spp="
+        why = f"{passes} passes of at least {PASSES_MIN}"
+        return f"error bars are guesses: {why}; render again with more samples (spp=)"
     if fireflies <= FIREFLIES_MAX:
         return ""
     why = f"in {fireflies:.1%} of the lit pixels, one pass causes most of the noise (rare paths, e.g. caustics)"

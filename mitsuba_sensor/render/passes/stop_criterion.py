@@ -87,11 +87,7 @@ class StopCriterion:
         """Return a note if the render took another number of samples per pixel than requested."""
         if self.asked is None or self.asked == samples:
             return []
-        why = (
-            "passes are equal, without correlated samples"
-            if end == "spp"
-            else "max_seconds was reached"
-        )
+        why = "every pass takes the same number" if end == "spp" else "max_seconds was reached"
         return [f"took {samples} samples per pixel instead of {self.asked}, because {why}"]
 
 
