@@ -484,7 +484,7 @@ TOKENS_MAX = {
     "bench": 23338,
     "benchmarks": 24924,
     "camera": 25449,
-    "cli": 21756,
+    "cli": 21814,
     "core": 24391,
     "dataset": 43529,
     "examples": 8792,

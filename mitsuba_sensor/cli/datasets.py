@@ -96,7 +96,7 @@ def run_command(
 ) -> None:
     """Make all samples of a dataset that DIR does not contain yet.
 
-    Each light and its samples appear together or not at all; repeat the command to continue after a stop. Failures are
+    Each render and its samples appear together or not at all; repeat the command to continue after a stop. Failures are
     lines in failed.jsonl and do not stop the run. README.md describes the contents, and contact_sheet.png shows
     some frames.
     """

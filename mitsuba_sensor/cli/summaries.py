@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from ..camera.camera import SET_BY_SCENE
 from ..core import by_weight
 from ..stages.usual_range import temperature_note
 from .flag_names import with_flags
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 NOTES_MAX = 4
 """Printed notes."""
+FIELDS_MAX = 3
+"""Printed names of camera fields that the scene sets."""
 EVERYTHING = "frame.json has all notes and facts, and each stage's signal next to its theory"
 COUNTED = {
     "clipped_full_well": "at the full well",
@@ -58,10 +61,13 @@ def _head(report: Report, folder: str) -> Text:
         setting = f" at gain {camera['gain']}"
     elif camera["gains"]:
         setting = " at no gain setting"
+    fields = [name for name, source in camera["sources"].items() if source == SET_BY_SCENE]
+    names = ", ".join(fields) if len(fields) <= FIELDS_MAX else f"{len(fields)} fields"
+    changed = f" with {names} of the scene" if fields else ""
     size = f"{image['columns']} × {image['rows']}, {counted(image['frames'], 'frame')}"
     metered = " (metered)" if report["origin"].get("metering") else ""
     return Text.assemble(
-        (f"{camera['name']}{setting}, K = {report['K_dn_per_e']:.4g} DN/e-", "bold"),
+        (f"{camera['name']}{changed}{setting}, K = {report['K_dn_per_e']:.4g} DN/e-", "bold"),
         f", {exposure['time_s']:g} s{metered} at {exposure['temperature_k']:g} K, {size} → ",
         (folder, "bold"),
     )

@@ -94,7 +94,7 @@ class RunOptions(TypedDict, total=False):
     timeout_s: Annotated[
         float | None,
         Option(
-            "End a process that takes longer for a light and its samples [s]. Default: never.",
+            "End a process that takes longer for a render and its samples [s]. Default: never.",
             low=0.001,
             high=1e9,
             example="600",
@@ -111,4 +111,4 @@ class RunOptions(TypedDict, total=False):
             panel=ENGINE,
         ),
     ]
-    retry: Annotated[bool, Option("Try failed lights again.", False, panel=ENGINE)]
+    retry: Annotated[bool, Option("Try failed renders again.", False, panel=ENGINE)]
