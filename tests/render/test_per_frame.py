@@ -50,8 +50,8 @@ def series(scene: Path, **options: Any) -> list[RenderedFrame]:
 
 def test_the_noise_of_the_renders_is_noise_of_the_frames(floor: Path) -> None:
     """Mean within four standard errors of the closed form E = π·ρ·L/(4N²); variance over mean is 1 plus the variance
-    that the renders say of themselves, within four standard errors (3.4 %)."""
-    frames = series(floor, frames=50, keep=("electrons",))
+    that the renders say of themselves, within four standard errors (4.9 %)."""
+    frames = series(floor, frames=24, keep=("electrons",))
     electrons = np.array([frame.frames.electrons[0] for frame in frames])
     lens = CAMERA.lens
     irradiance = math.pi * REFLECTANCE * SKY / (4 * lens.f_number**2) * lens.transmission
@@ -63,7 +63,7 @@ def test_the_noise_of_the_renders_is_noise_of_the_frames(floor: Path) -> None:
     error = math.sqrt(mean_e * (1 + own) / electrons.size)
     assert electrons.mean() == pytest.approx(mean_e, abs=4 * error)
     over_mean = (electrons.var(axis=0, ddof=1) / electrons.mean(axis=0)).mean()
-    assert over_mean == pytest.approx(1 + own, abs=0.034)
+    assert over_mean == pytest.approx(1 + own, abs=0.049)
 
 
 def test_every_frame_has_a_render_of_its_own_with_a_hashed_seed(floor: Path) -> None:
