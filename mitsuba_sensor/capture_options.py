@@ -74,8 +74,8 @@ class LightOptions(FrameOptions, LevelOptions, total=False):
     clean: Annotated[
         bool,
         Option(
-            "Also write the expected frame with fixed-pattern noise (clean.tiff [DN]) and the temporal variance "
-            "(temporal_variance.tiff [DN²]), both float32.",
+            "Also write the expected frame and its temporal variance; clean.tiff [DN] has the fixed-pattern noise, "
+            "temporal_variance.tiff is in DN²; both are float32.",
             False,
         ),
     ]

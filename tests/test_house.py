@@ -496,10 +496,10 @@ TOKENS_MAX = {
     "pages": 3526,
     "render": 79083,
     "reproduction": 10885,
-    "sensor": 13828,
+    "sensor": 13829,
     "stages": 31946,
     "study": 9186,
-    "tests": 342121,
+    "tests": 342130,
     "theory": 14642,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

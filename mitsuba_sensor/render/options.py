@@ -139,8 +139,8 @@ class SceneOptions(FileOptions, total=False):
     width: Annotated[
         int | None,
         Option(
-            "Render the same view with this many columns of pixels, and rows in proportion. With a lens prescription, "
-            "pixels keep their size, and this is the width of a window.",
+            "Columns of pixels of the same view; rows follow in proportion. With a lens prescription, pixels keep "
+            "their size, and this is the width of a window.",
             metavar="PIXELS",
         ),
     ]
@@ -325,8 +325,8 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     luminance: Annotated[
         float | None,
         Option(
-            "Scale all emitters by one factor to this median luminance of the image [cd/m²]; a short render finds the "
-            "factor. A scene in full sunlight has 5000, an office 100. Default: emitters as in the scene.",
+            "Median luminance of the image [cd/m²]; a short render finds the one factor that scales all emitters. A "
+            "scene in full sunlight has 5000, an office 100. Default: emitters as in the scene.",
             low=1e-6,
             high=1e9,
             metavar="CD_M2",

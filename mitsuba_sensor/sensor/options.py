@@ -152,7 +152,11 @@ class FrameOptions(SensorOptions, TimeOptions, total=False):
     frames: Annotated[
         int,
         Option(
-            "Number of frames, the pages of one TIFF.", 1, low=1, high=2**32 - 1, example="8"
+            "Number of frames; they are the pages of one TIFF.",
+            1,
+            low=1,
+            high=2**32 - 1,
+            example="8",
         ),
     ]
     first_frame: Annotated[
