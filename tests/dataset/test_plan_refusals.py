@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import tomlkit
 from helpers.marks import exhaustive
 
 from mitsuba_sensor import InputError
@@ -231,7 +232,8 @@ def changed(place: Place, *value: Any) -> dict[str, Any]:
 
 
 def plan_of(tables: dict[str, Any], scenes: Path) -> DatasetPlan:
-    return DatasetPlan(dataset_of(copy.deepcopy(tables), "the tables"), Folders([scenes]), "")
+    dataset = dataset_of(copy.deepcopy(tables), "the tables")
+    return DatasetPlan(dataset, Folders([scenes]), tomlkit.dumps(tables))
 
 
 def counts_of(plan: DatasetPlan) -> Counts:

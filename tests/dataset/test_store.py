@@ -112,7 +112,8 @@ def test_the_table_is_made_again_whenever_it_is_missing_damaged_or_older(made: P
         if content is not None:
             path.write_bytes(content)
         assert len(Table(Store(made))) == 80 and path.read_bytes() == whole
-    next((made / "shards").iterdir()).unlink()
+    (made / "shards" / table[79].shard).unlink()  # the last rows: all before them are equal
+    assert verify(Store(made)) == []  # an older table is no fault
     assert len(Table(Store(made))) == 78
     made.chmod(0o500)
     if not os.access(made, os.W_OK):  # root may write anywhere

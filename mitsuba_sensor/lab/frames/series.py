@@ -154,11 +154,18 @@ class Series:
     @cached_property
     def dark_variance_error(self) -> Float64Array:
         """Standard error of the dark variance of each flat field, including rounding [DN²]."""
-        rounding = [
-            rounding_error_dn2(dark.variance) if self.whole else 0.0 for dark in self.darks
-        ]
-        return np.asarray(
-            np.hypot(self.of_darks("variance_error"), np.array(rounding)[self.dark_of])
+        rounding = self._rounding_error(self.darks)[self.dark_of]
+        return np.asarray(np.hypot(self.of_darks("variance_error"), rounding))
+
+    @cached_property
+    def flat_rounding_error(self) -> Float64Array:
+        """Standard error that rounding adds to the variance of each flat field [DN²]."""
+        return self._rounding_error(self.flats)
+
+    def _rounding_error(self, levels: Sequence[Level]) -> Float64Array:
+        """Return how far the variance of rounding may differ from 1/12 DN² at each of these levels [DN²]."""
+        return np.array(
+            [rounding_error_dn2(level.variance) if self.whole else 0.0 for level in levels]
         )
 
     @cached_property

@@ -144,7 +144,7 @@ class _Points(NamedTuple):
 def photon_transfer(measured: Series) -> PhotonTransfer:
     """Measure curve and K in flat fields and dark frames between 0 and 70 % of saturation.
 
-    The weights are the errors of the variances, including the error shared through the dark frames.
+    The weights are the errors of the variances, including rounding and the error shared through the dark frames.
     """
     ends, variance = find_peak(measured), measured.of_flats("variance")
     within = (measured.signal <= FITTED * ends.mean[0]) & (variance > 0)
@@ -158,7 +158,8 @@ def photon_transfer(measured: Series) -> PhotonTransfer:
         measured.of_flats("freedom"),
         measured.of_flats("mean_error") / np.sqrt(np.maximum(variance, 1e-300)),
         (
-            measured.shared(measured.dark_variance_error),
+            measured.shared(measured.dark_variance_error)
+            + np.diag(measured.flat_rounding_error**2),
             measured.shared(measured.of_darks("mean_error")),
         ),
     )
