@@ -63,7 +63,7 @@ MOTION_TABLES: dict[str, type[BaseModel]] = {
     "`[camera]`, `[objects.ID]`": RigidMotion,
     "`[[camera.keys]]`, `[[objects.ID.keys]]`": KeyPose,
 }
-SHOWN_NM = (700, 850, 1000, 1550)
+SHOWN_NM = (850, 1000, 1550)
 """Wavelengths of the table of measured materials."""
 SHORT = (
     (r"whole number, ", "integer "),
@@ -85,7 +85,7 @@ SHORT = (
     (r"for each name", "by name:"),
 )
 """How the table of camera keys shortens a range."""
-WITHOUT_KEY = dict.fromkeys(COMPARED, "none; compared with the others")
+WITHOUT_KEY = dict.fromkeys(COMPARED, "none; only checked")
 WITHOUT_KEY["linearity_percent"] = "none; see `adc.ile`"
 
 
