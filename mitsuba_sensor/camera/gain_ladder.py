@@ -55,9 +55,7 @@ class GainSetting(FileTable):
         "replaces source_follower.read_noise_shape",
         -0.05,
     )
-    black_level_dn: NotNegative | None = optional(
-        "replaces adc.black_level_dn [DN]", 64
-    )
+    black_level_dn: NotNegative | None = optional("replaces adc.black_level_dn [DN]", 64)
     full_well_e: Annotated[
         Annotated[float, Field(ge=1, le=1e30, strict=True)] | None,
         Usual.of(200, 1e8, THOUSANDS),
@@ -66,15 +64,11 @@ class GainSetting(FileTable):
         "replaces readout.sense_gain_uv_per_e, and so sets the kTC noise [µV/e-]",
         50.0,
     )
-    row_noise_e: NotNegative | None = optional(
-        "replaces readout.row_noise_e [e- rms]", 0.3
-    )
+    row_noise_e: NotNegative | None = optional("replaces readout.row_noise_e [e- rms]", 0.3)
     column_noise_e: NotNegative | None = optional(
         "replaces readout.column_noise_e [e- rms]", 0.2
     )
-    frame_noise_e: NotNegative | None = optional(
-        "replaces readout.frame_noise_e [e- rms]", 0.2
-    )
+    frame_noise_e: NotNegative | None = optional("replaces readout.frame_noise_e [e- rms]", 0.2)
 
     @model_validator(mode="after")
     def _one_label(self) -> Self:
