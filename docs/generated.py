@@ -63,7 +63,7 @@ MOTION_TABLES: dict[str, type[BaseModel]] = {
     "`[camera]`, `[objects.ID]`": RigidMotion,
     "`[[camera.keys]]`, `[[objects.ID.keys]]`": KeyPose,
 }
-SHOWN_NM = (700, 850, 1000, 1450, 1550, 2200)
+SHOWN_NM = (850, 1000, 1550)
 """Wavelengths of the table of measured materials."""
 SHORT = (
     (r"whole number, ", "integer "),
@@ -85,7 +85,7 @@ SHORT = (
     (r"for each name", "by name:"),
 )
 """How the table of camera keys shortens a range."""
-WITHOUT_KEY = dict.fromkeys(COMPARED, "none; compared with the others")
+WITHOUT_KEY = dict.fromkeys(COMPARED, "none; only checked")
 WITHOUT_KEY["linearity_percent"] = "none; see `adc.ile`"
 
 
@@ -221,10 +221,10 @@ def sensor() -> str:
 
 
 def camera_file() -> str:
-    """The tables of all keys of a camera file, without the inside of a lens prescription."""
+    """The tables of all keys of a camera file, without lens prescriptions."""
     parts = []
     for one in TABLES:
-        if not one.path.startswith("lens.prescription."):
+        if not one.path.startswith("lens.prescription"):
             title = f"`{one.header}`\n\n{one.meaning}" if one.path else "Top of the file"
             rows = "\n".join(map(_key, one.entries))
             head = "| key | range | default | meaning |\n|---|---|---|---|"

@@ -120,7 +120,7 @@ class Camera(FileTable):
         (),
     )
     readouts: tuple[Readout, ...] = optional(
-        "readouts of every pixel, most sensitive first; [combine] joins them into one code",
+        "readouts of every pixel, most sensitive first; the table combine joins them into one code",
         [{"name": "high", "fields": {"readout.gain_dn_per_e": 1.4}}],
         (),
     )

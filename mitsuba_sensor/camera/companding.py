@@ -22,8 +22,7 @@ class CompandingSection(FileTable):
         "resolution of the companded code [bit]", 12, 12
     )
     knees: tuple[tuple[Code, Code], ...] = optional(
-        "linear and companded code at each knee, both rising from 0, with straight lines between; none: no companding "
-        "[DN]",
+        "linear and companded code at each knee, both rising from 0; none: no companding [DN]",
         [[0, 0], [1023, 1023], [16383, 2559], [1048575, 4095]],
         (),
         title="companding, PWL compression, knee points",

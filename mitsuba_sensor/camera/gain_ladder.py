@@ -49,32 +49,26 @@ class GainSetting(FileTable):
         description="overall system gain K; sets adc.full_scale_v [DN/e-]", examples=[0.25]
     )
     read_noise_e: Annotated[NotNegative, Usual(0.05, 500)] = Field(
-        description="read noise; sets source_follower.read_noise_e [e- rms]", examples=[3.0]
+        description="replaces source_follower.read_noise_e [e- rms]", examples=[3.0]
     )
     read_noise_shape: Annotated[float | None, Field(strict=True)] = optional(
-        "shape of the distribution of the read noise; sets source_follower.read_noise_shape",
+        "replaces source_follower.read_noise_shape",
         -0.05,
     )
-    black_level_dn: NotNegative | None = optional(
-        "black level; sets adc.black_level_dn [DN]", 64
-    )
+    black_level_dn: NotNegative | None = optional("replaces adc.black_level_dn [DN]", 64)
     full_well_e: Annotated[
         Annotated[float, Field(ge=1, le=1e30, strict=True)] | None,
         Usual.of(200, 1e8, THOUSANDS),
-    ] = optional("saturation capacity; sets pixel.full_well_e [e-]", 33000)
+    ] = optional("replaces pixel.full_well_e [e-]", 33000)
     sense_gain_uv_per_e: Annotated[Positive | None, Usual.of(0.1, 1e3, VOLTS_TO_UV)] = optional(
-        "conversion gain of the sense node; sets readout.sense_gain_uv_per_e and the kTC noise [µV/e-]",
+        "replaces readout.sense_gain_uv_per_e, and so sets the kTC noise [µV/e-]",
         50.0,
     )
-    row_noise_e: NotNegative | None = optional(
-        "temporal row noise; sets readout.row_noise_e [e- rms]", 0.3
-    )
+    row_noise_e: NotNegative | None = optional("replaces readout.row_noise_e [e- rms]", 0.3)
     column_noise_e: NotNegative | None = optional(
-        "temporal column noise; sets readout.column_noise_e [e- rms]", 0.2
+        "replaces readout.column_noise_e [e- rms]", 0.2
     )
-    frame_noise_e: NotNegative | None = optional(
-        "jitter of the black level; sets readout.frame_noise_e [e- rms]", 0.2
-    )
+    frame_noise_e: NotNegative | None = optional("replaces readout.frame_noise_e [e- rms]", 0.2)
 
     @model_validator(mode="after")
     def _one_label(self) -> Self:

@@ -280,11 +280,11 @@ class LensSection(FileTable):
         title="veiling glare, glare spread function (ISO 9358)",
     )
     glare_width_mm: Positive | None = optional(
-        "distance on the sensor at which scattered light has halved; none: uniform [mm]",
+        "distance on the sensor at which the scattered light has halved; none: uniform [mm]",
         2.0,
     )
     half_pupil: Literal["left", "right"] | None = optional(
-        "half of the pupil that the pixels see, as one photodiode of a dual pixel; none: whole pupil",
+        "half of the pupil that the pixels see; none: whole pupil",
         "left",
         title="dual pixel, phase-detection pixel (PDAF)",
     )
@@ -314,7 +314,7 @@ class LensSection(FileTable):
         "ideal image heights of distortion_percent, from 0 [mm]", [0.0, 2.0, 4.0]
     )
     prescription: PrescriptionSection | None = optional(
-        "sequential lens: name of a built-in one, path of a .json, .dat, .zmx or .seq file, or a table",
+        "lens design: name of an included one, path of a .json, .dat, .zmx or .seq file, or a table",
         "double_gauss",
         title="sequential lens, lens prescription",
     )

@@ -65,8 +65,8 @@ class Readout(FileTable):
     of: Literal["charge", "exposure", "photodiode"] = Field(
         "charge",
         title="dual conversion gain, LOFIC; staggered exposures (DOL); split pixel",
-        description="reads the charge of the previous readout again, a separate exposure, or the charge of a separate "
-        "photodiode",
+        description="what it reads: the charge of the previous readout again, a separate exposure, or a "
+        "separate photodiode",
         examples=["exposure"],
     )
     exposure_ratio: Annotated[float, Field(ge=1e-6, le=1e6, strict=True)] = optional(
@@ -81,7 +81,7 @@ class Readout(FileTable):
         title="staggered exposures (DOL)",
     )
     sensitivity: Annotated[float, Field(ge=1e-6, le=1, strict=True)] = optional(
-        "photoelectrons of its photodiode over photoelectrons of the first photodiode: area times transmission",
+        "photoelectrons of its photodiode over those of the first: area times transmission",
         0.1,
         1.0,
     )
@@ -125,14 +125,14 @@ class CombineSection(FileTable):
         64,
     )
     hand_over: Annotated[tuple[Fraction, ...], Field(min_length=1)] = optional(
-        "fraction of its saturation at which a readout switches to the next; one value, or one per readout except "
-        "the last",
+        "fraction of its saturation at which a readout switches to the next: one, or one per "
+        "readout except the last",
         [0.9],
         (HAND_OVER,),
     )
     blend_from: tuple[Fraction, ...] = optional(
-        "fraction of its saturation from which a readout is averaged with the next, up to hand_over; default: no "
-        "averaging",
+        "fraction of its saturation from which a readout is averaged with the next; default: "
+        "no averaging",
         [0.6],
         (),
     )

@@ -126,12 +126,13 @@ class CrosstalkFields(FileTable):
     """Which pixels collect the photoelectrons of a pixel."""
 
     crosstalk: Kernel | None = optional(
-        "fractions of a pixel's photoelectrons that it and its neighbours collect, rows of 3 × 3 or 5 × 5",
+        "fractions of a pixel's photoelectrons that it and its neighbours collect, 3 × 3 or 5 × 5",
         EXAMPLE,
         title="crosstalk, pixel response kernel",
     )
     crosstalk_from: Annotated[dict[str, Kernel], Field(min_length=1)] | None = optional(
-        "filter name → such a kernel for the pixels behind it, instead of crosstalk; other pixels keep all electrons",
+        "filter name → a kernel for its pixels, instead of crosstalk; other pixels keep all "
+        "electrons",
         {"R": EXAMPLE},
         title="crosstalk of a colour",
     )
@@ -141,14 +142,14 @@ class CrosstalkFields(FileTable):
         ]
         | None
     ) = optional(
-        "filter name → filter name → kernel of the electrons that pixels behind the first give to pixels behind the "
-        "second, instead of crosstalk; other pixels keep all electrons",
+        "filter name → filter name → kernel from pixels of the first to pixels of the second,"
+        " instead of crosstalk",
         {"R": {"R": OWN_EXAMPLE, "G": PAIR_EXAMPLE}},
         title="crosstalk between two colours",
     )
     diffusion_um: tuple[NotNegative, ...] | None = optional(
-        "standard deviation of the lateral diffusion of electrons before they are collected, at each of "
-        "wavelengths_nm, instead of crosstalk [µm]",
+        "σ of the lateral diffusion of electrons at each of wavelengths_nm, instead of "
+        "crosstalk [µm]",
         [1.5, 3.0],
         title="charge diffusion, diffusion length",
     )

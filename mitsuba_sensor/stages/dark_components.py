@@ -34,11 +34,11 @@ class DarkComponentSection(FileTable):
     mean: Positive | None = optional("mean of a normal component [unit]", 18)
     sigma: NotNegative | None = optional("σ of a normal component [unit]", 4)
     unit: Literal["e_per_s", "e", "dn"] = Field(
-        description="unit of the numbers of this component; e and dn are of an exposure of any time",
+        description="unit of this component; e and dn do not depend on the exposure time",
         examples=["dn"],
     )
     at_temperature_k: Annotated[Reference | None, Kelvin] = optional(
-        "temperature of the numbers [K]; default: dark_current.at_temperature_k, or 300 K without one",
+        "temperature of the numbers [K]; default: dark_current.at_temperature_k or 300 K",
         298.15,
     )
     activation_ev: Activation = optional(

@@ -147,7 +147,7 @@ def _numbers_from(low: float, high: float, example: float) -> BeforeValidator:
 
 
 class SensorSection(FileTable):
-    """The chip."""
+    """The whole sensor."""
 
     technology: Literal["cmos", "ccd"] = Field(
         title="CCD, CMOS", description="determines the stages of the chain", examples=["cmos"]
@@ -168,27 +168,27 @@ class SensorSection(FileTable):
         title="row time, line time",
     )
     polarizers: tuple[tuple[Angle, ...], ...] | None = optional(
-        "repeating tile of the polarisers' transmission axes, angles counter-clockwise from the row direction (to "
-        "the right) as one looks at the picture [°]",
+        "repeating tile of the polarisers' transmission axes, counter-clockwise from the row "
+        "direction in the image [°]",
         [[90, 45], [135, 0]],
         title="polariser mosaic, analyser",
     )
     extinction_ratio: Annotated[ByWavelength | None, _numbers_from(1, 1e6, 300)] = optional(
-        "extinction ratio of the polarisers, τ_max/τ_min, one for all or one for each of "
-        "quantum_efficiency.wavelengths_nm",
+        "extinction ratio τ_max/τ_min of the polarisers: one, or one per wavelengths_nm of "
+        "quantum_efficiency",
         300,
         title="extinction ratio, contrast of polarisers",
     )
     polarizer_transmission: Annotated[ByWavelength | None, _numbers_from(1e-6, 1, 0.9)] = (
         optional(
-            "transmission of light polarised along the axis, τ_max, one for all or one for each of "
-            "quantum_efficiency.wavelengths_nm; default 1",
+            "transmission τ_max along the axis: one, or one per wavelengths_nm of "
+            "quantum_efficiency; default 1",
             0.9,
             title="transmittance of polarisers",
         )
     )
     dual_pixel: Annotated[bool, Field(strict=True)] = optional(
-        "whether each pixel has two photodiodes side by side under its microlens, each seeing half of the pupil",
+        "two photodiodes side by side under each microlens, each sees half of the pupil",
         True,
         False,
         title="dual pixel, dual photodiode (2PD), phase-detection autofocus (PDAF)",
@@ -246,12 +246,12 @@ class MicrolensFields(CameraTable):
     """The microlenses: the response to oblique light, and their shift towards the lens."""
 
     angular_response: tuple[Chance, ...] | None = optional(
-        "response to light at an angle to the design angle of the microlens, relative to that at the design angle",
+        "relative response to light at these angles to the design angle of the microlens",
         [1.0, 0.95, 0.7, 0.3],
         title="angular response, angle of incidence",
     )
     angular_response_deg: tuple[SlantAngle, ...] | None = optional(
-        "angles of angular_response to the design angle of the microlens, from 0 [°]",
+        "angles of angular_response, from 0 [°]",
         [0.0, 10.0, 20.0, 30.0],
     )
     microlens_cra_deg: tuple[SlantAngle, ...] | None = optional(
@@ -295,9 +295,9 @@ class PixelGeometry(MicrolensFields):
         Literal["full", "square"] | tuple[Fraction, Fraction] | SensitivityMap,
         BeforeValidator(aperture_value),
     ] = optional(
-        "light-collecting part of the pixel: full (a microlens), a square of the fill factor in its middle, width and "
-        "height as fractions of the pitch, or rows of the measured relative sensitivity within the pixel (or a .csv "
-        "file of them)",
+        "light-collecting part of the pixel: full (a microlens), a central square of the fill"
+        " factor, width and height as fractions of the pitch, or rows of relative sensitivity"
+        " (also a .csv file)",
         "square",
         "full",
         title="pixel aperture, pixel MTF, sensitivity within the pixel",

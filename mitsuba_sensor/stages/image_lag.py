@@ -26,8 +26,7 @@ class ImageLagFields(FileTable):
     """Photoelectrons that are read with the next frame."""
 
     image_lag: Annotated[float, Field(ge=0, le=0.5, strict=True)] = optional(
-        "fraction of a pixel's photoelectrons that is read with the next frame, in frames that follow each other in "
-        "time; without the light of the previous frame (no fps, data sets) there is no lag",
+        "fraction of a pixel's photoelectrons that is read with the next frame of a series",
         0.01,
         0.0,
         title="image lag, residual charge",

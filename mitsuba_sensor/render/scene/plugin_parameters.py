@@ -60,7 +60,7 @@ EXPOSURE_PARAMETERS = (
         "0.1",
         "s",
         "metered",
-        "exposure time; the string `auto` is metered too",
+        "exposure time; the string `auto` is also metered",
     ),
     P(
         "meter",
@@ -68,7 +68,8 @@ EXPOSURE_PARAMETERS = (
         "50:0.3",
         "",
         "`95:0.7`",
-        "percentile of the lit pixels and share of saturation that it reaches; in place of an exposure time",
+        "instead of an exposure time: percentile of the lit pixels and the fraction of "
+        "saturation that it reaches",
     ),
     P("temperature_k", "float", "298.15", "K", "`298.15`", "temperature of the sensor"),
     P("seed", "integer", "1", "", "`1`", "seed of the render and of all temporal noise"),
@@ -95,20 +96,20 @@ EXPOSURE_PARAMETERS = (
         "cube",
         "",
         "`auto`",
-        "`auto`, `cube` or `channels`: what the bands are good for",
+        "`auto`, `cube` or `channels`, as `--spectral`",
     ),
 )
 
 SIZE_PARAMETERS = (
-    P("width", "integer", "16", "pixels", OF_SENSOR, "columns of the picture"),
-    P("height", "integer", "12", "pixels", OF_SENSOR, "rows of the picture"),
+    P("width", "integer", "16", "pixels", OF_SENSOR, "columns of the image"),
+    P("height", "integer", "12", "pixels", OF_SENSOR, "rows of the image"),
     P(
         "crop_width",
         "integer",
         "8",
         "pixels",
         "the width",
-        "columns of a window of the picture",
+        "columns of a window of the image",
     ),
     P("crop_height", "integer", "6", "pixels", "the height", "rows of that window"),
     P("crop_offset_x", "integer", "2", "pixels", "`0`", "first column of that window"),
@@ -130,7 +131,7 @@ FILM_PARAMETERS = (
         "3200",
         "",
         OF_CAMERA,
-        "gain setting of that camera: an ISO number, or a name; a camera that you name keeps its own",
+        "gain setting of that camera: an ISO number or a name",
     ),
     P(
         "output",
@@ -138,7 +139,7 @@ FILM_PARAMETERS = (
         "bands",
         "",
         "`bands`",
-        "of plain Mitsuba: `bands` of light, or `raw` digital numbers",
+        "for plain Mitsuba: `bands` of light, or `raw` digital numbers",
     ),
     *EXPOSURE_PARAMETERS,
     *SIZE_PARAMETERS,
@@ -168,18 +169,18 @@ LENS_PARAMETERS = {
         "1.1",
         "",
         OF_CAMERA,
-        "diameter of the exit pupil over that of the entrance",
+        "diameter of the exit pupil over diameter of the entrance pupil",
     ),
 }
 """Field of a camera file → the parameter that sets it."""
 
 PASSED_ON_PARAMETERS = (
     P("to_world", "transform", '<lookat origin="0, 0, 4" target="0, 0, 0" up="0, 1, 0"/>', "", "at the origin, "
-      "looking along +z", "place and direction of the camera"),
-    P("near_clip", "float", "0.01", "scene units", MITSUBA, "nothing nearer than this is in the picture"),
-    P("far_clip", "float", "1000", "scene units", MITSUBA, "nothing farther than this is in the picture"),
-    P("principal_point_offset_x", "float", "0.1", "picture widths", "`0`", "shift of the lens along the rows"),
-    P("principal_point_offset_y", "float", "0.1", "picture heights", "`0`", "shift of the lens along the columns"),
+      "looking along +z", "position and direction of the camera"),
+    P("near_clip", "float", "0.01", "scene units", MITSUBA, "nothing nearer than this is in the image"),
+    P("far_clip", "float", "1000", "scene units", MITSUBA, "nothing farther than this is in the image"),
+    P("principal_point_offset_x", "float", "0.1", "image widths", "`0`", "shift of the lens along the rows"),
+    P("principal_point_offset_y", "float", "0.1", "image heights", "`0`", "shift of the lens along the columns"),
 )  # fmt: skip
 """Parameters of Mitsuba's perspective sensor, unchanged."""
 

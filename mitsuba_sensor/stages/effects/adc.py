@@ -44,12 +44,12 @@ class AdcFields(FileTable):
         description="resolution [bit]", examples=[12]
     )
     full_scale_v: Annotated[Positive | None, Usual.of(1e-3, 30, MV_TO_V)] = optional(
-        "swing of the whole code range V_FS [V]; default: the swing of a full well, with its non-linearities",
+        "swing of the whole code range V_FS [V]; default: the swing of a full well",
         0.165,
         title="full scale V_FS",
     )
     black_level_dn: NotNegative | None = optional(
-        "black level, the code of darkness [DN]; default: 4σ of the noise of a zero exposure",
+        "black level [DN]; default: 4σ of the noise of a bias frame",
         64,
         title="black level, offset μ_y.dark (E)",
     )

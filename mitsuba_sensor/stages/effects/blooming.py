@@ -25,7 +25,7 @@ class BloomingFields(FileTable):
     """Charge above the full well."""
 
     blooming: Chance = optional(
-        "fraction of the charge above full_well_e that flows along the column; an antiblooming drain removes the rest",
+        "fraction of the charge above full_well_e that flows along the column; the rest is drained",
         1.0,
         0.0,
         title="blooming, antiblooming",

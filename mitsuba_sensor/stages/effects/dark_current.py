@@ -50,12 +50,12 @@ class DarkCurrentFields(FileTable):
     fom_na_per_cm2: Annotated[
         NotNegative | None, Usual.of(1e-5, 1e3, AMPERES_TO_NA, PA_TO_NA)
     ] = optional(
-        "dark current per area at 300 K (its figure of merit), instead of rate_e_per_s [nA/cm²]",
+        "dark current per area at 300 K, instead of rate_e_per_s [nA/cm²]",
         1.0,
         title="dark-current figure of merit D_FM (J)",
     )
     diffusion_fom_na_per_cm2: NotNegative | None = optional(
-        "dark current per area at 300 K that diffuses from the bulk, of an MPP pixel [nA/cm²]",
+        "dark current per area at 300 K from the bulk of an MPP pixel [nA/cm²]",
         0.01,
         title="MPP dark current: diffusion part",
     )
@@ -80,12 +80,12 @@ class DarkCurrentFields(FileTable):
         optional("distribution of the dark current over the pixels", "lognormal", "lognormal")
     )
     coupling: MapCoupling = optional(
-        "correlation of neighbouring pixels with the distribution ar: a of the autoregression",
+        "correlation a of neighbouring pixels, for the distribution ar",
         0.25,
         0.0,
     )
     components: tuple[DarkComponentSection, ...] = optional(
-        "superimposed components of the distribution, each with a temperature and activation energy",
+        "superimposed components of the distribution",
         [{"weight": 0.001, "family": "uniform", "low": 45, "high": 440, "unit": "dn"}],
         (),
         title="hot pixels, superimposed distributions",

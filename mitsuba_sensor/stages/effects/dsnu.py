@@ -21,7 +21,7 @@ class DsnuColumnFields(FileTable):
         "column offsets, σ over the full-well swing", 0.001, 0.0
     )
     dsnu_col_coupling: LineCoupling = optional(
-        "correlation of the offsets of neighbouring columns: a of the autoregression", 0.25, 0.0
+        "correlation a of the offsets of neighbouring columns", 0.25, 0.0
     )
     dsnu_residual: Chance = optional(
         "fraction of column and pixel offsets that the analogue CDS leaves",
@@ -39,7 +39,7 @@ class DsnuRowFields(FileTable):
         "row offsets, σ over the full-well swing", 0.0005, 0.0
     )
     dsnu_row_coupling: LineCoupling = optional(
-        "correlation of the offsets of neighbouring rows: a of the autoregression", 0.25, 0.0
+        "correlation a of the offsets of neighbouring rows", 0.25, 0.0
     )
 
 
@@ -49,7 +49,7 @@ class DsnuPixelFields(FileTable):
     cmos_only = ("dsnu_e",)
     dsnu_e: NotNegative = optional("pixel offsets, σ as electrons [e-]", 2.0, 0.0)
     dsnu_coupling: MapCoupling = optional(
-        "correlation of the offsets of neighbouring pixels: a of the autoregression", 0.25, 0.0
+        "correlation a of the offsets of neighbouring pixels", 0.25, 0.0
     )
 
 

@@ -25,7 +25,8 @@ class EmGainFields(FileTable):
     """The multiplication register of an EMCCD."""
 
     em_gain: Annotated[float, Field(ge=1, le=1e6, strict=True)] | None = optional(
-        "mean output electrons of the register of an EMCCD per input electron; gain_dn_per_e is K without it",
+        "EM gain: mean output electrons of the register per input electron; gain_dn_per_e is "
+        "K without it",
         300.0,
         title="EM gain G, multiplication gain",
     )
@@ -35,7 +36,7 @@ class EmGainFields(FileTable):
         title="multiplication elements, stages of the register",
     )
     em_full_well_e: Annotated[NotNegative | None, Usual.of(1e4, 1e8, THOUSANDS)] = optional(
-        "electrons that the multiplication register holds at its output [e-]",
+        "full well of the multiplication register at its output [e-]",
         800000.0,
         title="register full well",
     )

@@ -31,8 +31,8 @@ class FullWellFields(FileTable):
         float, Field(ge=1, le=1e30, strict=True), Usual.of(200, 1e8, THOUSANDS)
     ] = Field(description="saturation capacity [e-]", examples=[33000])
     full_well_knee_e: NotNegative = optional(
-        "width w of the knee of the response at saturation: full_well_e of light leave 0.69 w less, and noise "
-        "falls before the pixel is full; 0 is a hard clip, at most 7 % of full_well_e [e-]",
+        "width of the knee of the response at saturation, at most 7 % of full_well_e; 0 is a "
+        "hard clip [e-]",
         500.0,
         0.0,
         title="knee of the response at saturation, soft saturation",

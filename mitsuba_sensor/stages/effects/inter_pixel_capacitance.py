@@ -22,7 +22,7 @@ class InterPixelCapacitanceFields(FileTable):
     cmos_only = ("ipc_coupling", "ipc_corner_coupling")
 
     ipc_coupling: Annotated[float, Field(ge=0, le=0.2, strict=True)] = optional(
-        "inter-pixel capacitance: fraction of a pixel's signal that each of its 4 neighbours shows",
+        "inter-pixel capacitance: fraction of a pixel's signal in each of its 4 neighbours",
         0.01,
         0.0,
         title="IPC coupling α",

@@ -17,8 +17,8 @@ class OverflowDarkCurrentFields(FileTable):
     """Dark current of the overflow capacitor."""
 
     overflow_rate_e_per_s: Annotated[NotNegative, Usual(0.01, 1e6)] = optional(
-        "dark current of the overflow capacitor of a LOFIC pixel, at the temperature of rate_e_per_s, or "
-        "at 300 K; in the readout of its charge [e-/s]",
+        "dark current of the overflow capacitor of a LOFIC pixel, at the temperature of "
+        "rate_e_per_s or 300 K [e-/s]",
         50.0,
         0.0,
         title="LOFIC, lateral overflow integration capacitor",

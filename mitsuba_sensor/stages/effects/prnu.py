@@ -33,7 +33,7 @@ class PrnuFields(FileTable):
         "distribution of the pixels' gains", "gaussian", "gaussian"
     )
     prnu_coupling: MapCoupling = optional(
-        "correlation of the gains of neighbouring pixels with the distribution ar: a of the autoregression",
+        "correlation a of neighbouring gains, for the distribution ar",
         0.25,
         0.0,
     )
@@ -53,7 +53,7 @@ class PrnuColumnFields(FileTable):
         "spread of the column gains, σ over 1", 0.002, 0.0
     )
     prnu_col_coupling: LineCoupling = optional(
-        "correlation of the gains of neighbouring columns: a of the autoregression", 0.25, 0.0
+        "correlation a of the gains of neighbouring columns", 0.25, 0.0
     )
 
 

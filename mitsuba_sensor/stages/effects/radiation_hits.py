@@ -36,7 +36,7 @@ class RadiationHitsFields(FileTable):
         title="cosmic rays, radiation hits",
     )
     hit_e: Annotated[float, Field(gt=0, le=1e7, strict=True)] = optional(
-        "most probable charge of a hit [e-]; about 64 per µm for 20 µm of silicon, 75 for 300 µm",
+        "most probable charge of a hit [e-]; 64 to 75 per µm of silicon",
         1500.0,
         1500.0,
         title="most probable charge of a hit",

@@ -30,7 +30,7 @@ class ResetNoiseFields(FileTable):
         examples=["hard"],
     )
     ktc_residual: Annotated[float, Field(ge=0, le=UNCORRELATED, strict=True)] | None = optional(
-        "remaining fraction of the kTC noise, overrides reset; √2 for uncorrelated 3T sampling",
+        "remaining fraction of the kTC noise, overrides reset; √2 for 3T sampling",
         0.05,
         title="CDS residue of the reset noise",
     )

@@ -22,14 +22,14 @@ class RtnPixelsFields(FileTable):
     cmos_only = ("rtn_pixel_fraction",)
 
     rtn_pixel_fraction: Chance = optional(
-        "fraction of the pixels with random telegraph noise of their own", 0.001, 0.0
+        "fraction of the pixels with random telegraph noise", 0.001, 0.0
     )
     rtn_pixel_amplitude_e: NotNegative = optional(
         "step A of that noise, as electrons [e-]", 10.0, 0.0
     )
     rtn_pixel_duty: Chance = optional("fraction of the time that such a trap is full", 0.5, 0.5)
     rtn_pixel_switching: Chance = optional(
-        "probability 1 - exp(-t_s/τ) that its state is redrawn between the two CDS samples",
+        "probability that its state is redrawn between the two CDS samples",
         0.2,
         1.0,
     )

@@ -45,7 +45,7 @@ class RtsFields(FileTable):
     )
     rts_duty: Chance = optional("fraction of the time that a trap is on", 0.5, 0.5)
     rts_at_temperature_k: Annotated[Reference | None, Kelvin] = optional(
-        "temperature of amplitude and switching [K]; default: at_temperature_k, else 300 K",
+        "temperature of amplitude and switching [K]; default: at_temperature_k or 300 K",
         298.15,
     )
     rts_activation_ev: Activation = optional(

@@ -22,13 +22,13 @@ class SenseNodeFields(FileTable):
     """Overall system gain, and conversion gain of the sense node."""
 
     gain_dn_per_e: Annotated[Positive | None, Usual.of(1e-4, 1e3)] = optional(
-        "overall system gain K, instead of adc.full_scale_v; 1 over a data sheet's e- per DN [DN/e-]",
+        "overall system gain K, instead of adc.full_scale_v [DN/e-]",
         0.1225,
         title="overall system gain K (E), as given",
     )
 
     sense_gain_uv_per_e: Annotated[Positive | None, Usual.of(0.1, 1e3, VOLTS_TO_UV)] = optional(
-        "conversion gain A_SN of the sense node; not needed with gain_dn_per_e or ve_k1_c [µV/e-]",
+        "conversion gain A_SN of the sense node, unless gain_dn_per_e or ve_k1_c is given [µV/e-]",
         5.0,
     )
     v_ref_v: Annotated[Positive, Usual.of(0.3, 30, MV_TO_V)] = optional(
@@ -44,7 +44,7 @@ class SenseNodeFields(FileTable):
         title="V/e- non-linearity α",
     )
     ve_k1_c: Positive | None = optional(
-        "k₁ of Konnik & Welsh 2014, eq. 8: A_SN is V_REF·q/k₁, instead of sense_gain_uv_per_e [C]",
+        "k₁ of Konnik & Welsh 2014, eq. 8, instead of sense_gain_uv_per_e: A_SN = V_REF·q/k₁ [C]",
         10.909e-15,
         title="k₁ (K)",
     )

@@ -27,8 +27,8 @@ class ResetFields(FileTable):
     partial_resets: Annotated[
         tuple[tuple[PartOfExposure, Positive], ...], Field(max_length=RESETS_MAX)
     ] = optional(
-        "partial resets during the exposure, which make the response piecewise linear: fraction of the "
-        "exposure time, and the electrons that the reset leaves [e-]",
+        "partial resets, for a piecewise linear response: fraction of the exposure time, and "
+        "electrons that stay [e-]",
         [[0.9, 8000]],
         (),
         title="piecewise-linear response, knee, multi-slope, well reset",

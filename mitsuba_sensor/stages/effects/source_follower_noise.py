@@ -47,19 +47,19 @@ class SourceFollowerNoiseFields(FileTable):
         "read noise of the datasheet, instead of white_nv_per_rthz [e- rms]", 3
     )
     read_noise_cv: Annotated[NotNegative, Field(le=CV_MAX)] = optional(
-        "spread of the read noise over pixels: σ over mean of a log-normal distribution; the rms stays as given",
+        "spread of the read noise over the pixels: σ over mean, log-normal; the rms stays",
         0.3,
         0.0,
     )
     noisy_pixel_fraction: Chance = optional(
-        "fraction of the pixels whose read noise is noisy_pixel_factor times that of the others; the rms "
-        "over all pixels stays as given",
+        "fraction of the pixels that are noisier by noisy_pixel_factor; the rms over all "
+        "pixels stays",
         0.02,
         0.0,
         title="noisy pixels, high-RTS pixels",
     )
     noisy_pixel_factor: Annotated[float, Field(ge=1, le=1000, strict=True)] = optional(
-        "read noise of the noisy pixels over that of the others", 3.0, 1.0
+        "read noise of the noisy pixels over that of other pixels", 3.0, 1.0
     )
     read_noise_distribution: Literal["normal", "tukey_lambda", "student"] = optional(
         "distribution of the read noise; its σ stays as given",
@@ -70,8 +70,8 @@ class SourceFollowerNoiseFields(FileTable):
     read_noise_shape: float | None = Field(
         None,
         strict=True,
-        description="λ of tukey_lambda, -0.45 to 0.2 (0.14 is nearly normal, less has heavier tails), or degrees of "
-        "freedom of student, 2.5 to 1000",
+        description="λ of tukey_lambda, -0.45 to 0.2 (0.14 is nearly normal), or degrees of freedom of "
+        "student, 2.5 to 1000",
         examples=[-0.1],
     )
     white_nv_per_rthz: Annotated[NotNegative | None, Usual.of(0.1, 1e3, VOLTS_TO_NV)] = (

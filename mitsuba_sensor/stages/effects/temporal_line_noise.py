@@ -27,7 +27,7 @@ class TemporalFrameNoiseFields(FileTable):
     """Noise common to all pixels of a frame."""
 
     frame_noise_e: NotNegative = optional(
-        "jitter of the black level: σ of a random offset of each whole frame [e- rms]",
+        "jitter of the black level: σ of a random offset of each frame [e- rms]",
         0.3,
         0.0,
         title="jitter of the black level, frame-to-frame offset",
