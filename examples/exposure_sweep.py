@@ -10,11 +10,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-import numpy as np
-
 import mitsuba_sensor as ms
-from mitsuba_sensor.files.png import write_png
+from mitsuba_sensor.files.png import png, write_png
 from mitsuba_sensor.files.tiff import write_tiff
+from mitsuba_sensor.output.contact_sheet import Captioned, SheetRow, contact_sheet
 from mitsuba_sensor.output.preview import preview
 
 SCENE = Path(__file__).resolve().parent.parent / "scenes" / "cornell_box.xml"
@@ -26,8 +25,8 @@ parser.add_argument(
 folder = parser.parse_args().out
 
 camera = ms.load_camera("konnik_table1")
-irradiance = ms.render(SCENE, camera, ms.Exposure(0.1), spp=64, width=128)
-previews = []
+irradiance = ms.render(SCENE, camera, ms.Exposure(0.1), spp=64, width=256)
+shown = []
 
 print("exposure s   mean DN   σ DN (theory, noise only)   saturated pixels")
 for time_s in (0.001, 0.01, 0.1, 1.0):
@@ -37,9 +36,9 @@ for time_s in (0.001, 0.01, 0.1, 1.0):
     print(
         f"{time_s:10g} {last['mean_frame']:9.1f} {last['sigma_expected']:11.2f} {counts['clipped_full_well']:29d}"
     )
-    previews.append(preview(frames.digital[0], camera))
+    shown.append(Captioned(png(preview(frames.digital[0], camera)), [f"{time_s:g} s"]))
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
         write_tiff(folder / f"exposure_{time_s:g}s.tiff", frames.digital)
 if folder:
-    write_png(folder / "exposures.png", np.hstack(previews))
+    write_png(folder / "exposures.png", contact_sheet([SheetRow(["exposure time"], shown)]))

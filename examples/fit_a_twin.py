@@ -3,7 +3,7 @@
     python examples/fit_a_twin.py [-o PICTURE]
 
 The fit turns bias, dark and flat frames of one sensor unit into camera tables and measured maps. This prints true and
-fitted values side by side, and draws a dark frame of each and their histograms.
+fitted values side by side, and draws a bias frame of each and histograms of their dark frames.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera_file import camera_from
+from mitsuba_sensor.pages.drawing import COLOURS
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 ROWS, COLUMNS, QE, LONG_S = 240, 320, 0.6, 20.0
@@ -97,14 +98,17 @@ if picture:
         axes.title.set_size(10)
     figure.colorbar(shown, ax=middle, label="code [DN]")
     edges = np.arange(real.min(), np.quantile(real, 0.9999)) - 0.5
-    for values, style, name in ((real, "-", "camera"), (frames.digital, "--", "twin")):
-        share = np.histogram(values, edges)[0] / values.size
-        right.plot(edges[:-1] + 0.5, share, style, label=name)
+    for values, style, name, colour in (
+        (real, "-", "camera", COLOURS[0]),
+        (frames.digital, "--", "twin", COLOURS[1]),
+    ):
+        fraction = np.histogram(values, edges)[0] / values.size
+        right.plot(edges[:-1] + 0.5, fraction, style, label=name, color=colour)
     right.set(
         xlabel="code [DN]",
-        ylabel="share of the values [1]",
+        ylabel="fraction of the pixel values",
         yscale="log",
-        title=f"dark frames of {LONG_S:g} s",
+        title=f"histogram of dark frames of {LONG_S:g} s",
     )
     right.title.set_size(10)
     right.legend(frameon=False)

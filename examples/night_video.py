@@ -13,10 +13,9 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import mitsuba_sensor as ms
-from mitsuba_sensor.files.png import write_png
+from mitsuba_sensor.files.png import png, write_png
+from mitsuba_sensor.output.contact_sheet import Captioned, SheetRow, contact_sheet
 
 SCENE = "night_crossing"
 GROUPS = {
@@ -36,19 +35,21 @@ def pictures(folder: Path) -> None:
     """Write two PNG files: the groups and a mix of them, and the flicker bands."""
     light = ms.render(SCENE, light_groups=GROUPS, spp=SPP, width=WIDTH, progress=False)
     dark = dict.fromkeys(GROUPS, 0.0)
-    alone = [{**dark, name: 1.0} for name in GROUPS]
-    shown = [ms.expose(light.with_lights(one)).preview() for one in (*alone, EVENING)]
-    rows = [np.concatenate(shown[first : first + 3], axis=1) for first in (0, 3)]
-    write_png(folder / "night_lights.png", np.concatenate(rows))
+    levels = {f"{name} only": {**dark, name: 1.0} for name in GROUPS}
+    levels["all, earlier in the evening"] = EVENING
+    shown = [
+        Captioned(png(ms.expose(light.with_lights(one)).preview()), [name])
+        for name, one in levels.items()
+    ]
+    rows = [SheetRow([], shown[first : first + 3]) for first in (0, 3)]
+    write_png(folder / "night_lights.png", contact_sheet(rows))
     assert light.rendered_for is not None and light.rendered_for.camera is not None
     camera = light.rendered_for.camera.replace(**ROLLING)
-    bands = [
-        ms.expose(light.with_lights(lamps=lamps), camera, ms.Exposure(1 / 1000)).preview(
-            gain=8.0
-        )
-        for lamps in ("5", "5 pwm(300, 0.2)")
-    ]
-    write_png(folder / "night_bands.png", np.concatenate(bands, axis=1))
+    bands = []
+    for lamps, name in (("5", "steady lamps"), ("5 pwm(300, 0.2)", "lamps pulsed at 300 Hz")):
+        frames = ms.expose(light.with_lights(lamps=lamps), camera, ms.Exposure(1 / 1000))
+        bands.append(Captioned(png(frames.preview(gain=8.0)), [name]))
+    write_png(folder / "night_bands.png", contact_sheet([SheetRow([], bands)]))
 
 
 def video(folder: Path) -> None:

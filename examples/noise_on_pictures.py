@@ -15,6 +15,8 @@ import numpy as np
 from PIL import Image
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.files.png import png, write_png
+from mitsuba_sensor.output.contact_sheet import Captioned, SheetRow, contact_sheet
 
 SOURCE = Path(__file__).parent.parent / "docs" / "images" / "first_frame_clean.png"
 ROWS, COLUMNS = slice(100, 260), slice(120, 360)
@@ -24,14 +26,15 @@ parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument(
     "-o",
     "--out",
+    type=Path,
     metavar="PICTURE",
-    default="noise_on_pictures.png",
+    default=Path("noise_on_pictures.png"),
     help="PNG file of the picture",
 )
 picture = parser.parse_args().out
 
 clean = np.asarray(Image.open(SOURCE).convert("RGB"))[ROWS, COLUMNS]
-shown = [clean]
+shown = [Captioned(png(clean), ["original"])]
 for white_e in ELECTRONS:
     noise = ms.SensorNoise(
         "raspberry_pi_hq", white_e=white_e, values="srgb", output="developed", serial=7
@@ -44,7 +47,7 @@ for white_e in ELECTRONS:
     print(
         f"white of {white_e:6g} e-: temporal noise {sigma_dn:.2f} DN by theory, {measured_dn:.2f} DN in 32 frames"
     )
-    shown.append(noisy.image)
+    shown.append(Captioned(png(noisy.image), [f"white of {white_e:g} e-"]))
 
-Image.fromarray(np.concatenate(shown, axis=1)).save(picture)
+write_png(picture, contact_sheet([SheetRow([], shown)]))
 print(f"wrote {picture}")

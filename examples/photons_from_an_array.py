@@ -12,6 +12,7 @@ import argparse
 import numpy as np
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.pages.drawing import COLOURS
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("-o", "--out", metavar="PICTURE", help="PNG file of the picture")
@@ -41,6 +42,7 @@ if picture:
 
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
     axes = figure.subplots()
+    axes.set_prop_cycle(color=COLOURS)
     axes.plot(
         mean.mean(axis=0), variance.mean(axis=0), ".", ms=4, label="512 columns of 32 frames"
     )

@@ -1,15 +1,19 @@
 """Make the pictures of docs/optics-and-pixels.md: balls on a polished table, seen by a polarisation camera.
 
 python examples/polarisation.py                                      # small, into polarisation/
-python examples/polarisation.py -o docs/images --width 240 --spp 128    # the pictures of docs/optics-and-pixels.md
+python examples/polarisation.py -o docs/images --width 384 --spp 128    # the pictures of docs/optics-and-pixels.md
 """
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.files.png import write_png
@@ -20,7 +24,6 @@ from mitsuba_sensor.output.preview import preview
 SCENE = Path(__file__).parent.parent / "scenes" / "polarisation.xml"
 EXPOSURE = ms.Exposure(0.004)
 FRAMES = 8
-STRIP_ROWS = 4  # colours below the picture of the angle
 
 
 def frames_of(width: int, spp: int) -> ms.Frames:
@@ -46,20 +49,15 @@ def measured(frames: ms.Frames) -> Polarization:
     )
 
 
-def with_angles(picture: np.ndarray) -> np.ndarray:
-    """Return the picture above a strip with the colours of 0° to 180°, from left to right."""
-    columns = picture.shape[1]
-    angles = np.linspace(0.0, 180.0, columns, endpoint=False)
-    strip = np.repeat(hues(angles)[None], STRIP_ROWS, axis=0)
-    gap = np.zeros((1, columns, 3))
-    colours = np.concatenate([gap, strip])
-    return np.concatenate([picture, (255 * colours + 0.5).astype(np.uint8)])
-
-
-def grey(values: np.ndarray) -> np.ndarray:
-    """Return an 8-bit picture, shape (H, W, 3), of values from 0 to 1."""
-    levels = np.clip(np.nan_to_num(values), 0.0, 1.0)
-    return np.repeat((255 * levels + 0.5).astype(np.uint8)[..., None], 3, axis=-1)
+def with_bar(path: Path, picture: np.ndarray, label: str, colours: Any, largest: float) -> None:
+    """Write a picture with a colour bar from 0 to ``largest``.  colours : colour map."""
+    figure = Figure(figsize=(5.6, 3.2), layout="constrained")
+    axes = figure.subplots()
+    axes.imshow(picture, cmap=colours, vmin=0, vmax=largest, interpolation="nearest")
+    axes.set_axis_off()
+    scale = ScalarMappable(Normalize(0, largest), colours)
+    figure.colorbar(scale, ax=axes, label=label, ticks=np.linspace(0, largest, 5))
+    figure.savefig(path, dpi=110)
 
 
 def main() -> None:
@@ -71,17 +69,17 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     frames = frames_of(options.width, options.spp)
     result = measured(frames)
-    colours = (255 * result.colours() + 0.5).astype(np.uint8)
-    pictures = {
-        "frame": preview(frames.digital[0], frames.camera),
-        "dolp": grey(result.dolp_without_bias),
-        "aolp": with_angles(colours),
-    }
-    for name, picture in pictures.items():
-        times = 1 if name == "frame" else 2  # a tile is two pixels wide
-        file = options.out / f"polarisation_{name}.png"
-        write_png(file, np.repeat(np.repeat(picture, times, axis=0), times, axis=1))
-        print(file)
+    out = options.out
+    write_png(out / "polarisation_frame.png", preview(frames.digital[0], frames.camera))
+    degree = np.clip(np.nan_to_num(result.dolp_without_bias), 0.0, 1.0)
+    with_bar(
+        out / "polarisation_dolp.png", degree, "degree of linear polarisation", "gray", 1.0
+    )
+    wheel, label = (
+        ListedColormap(hues(np.arange(180.0))),
+        "angle of linear polarisation [degree]",
+    )
+    with_bar(out / "polarisation_aolp.png", result.colours(), label, wheel, 180.0)
     print(*result.quantities, sep="\n")
 
 

@@ -15,7 +15,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from .camera.camera import Camera
 from .camera.camera_file import AnyCamera, camera_of
-from .core import Exposure, InputError, Photons, check_types, require, require_seed, warn_of
+from .core import (
+    Exposure,
+    InputError,
+    Photons,
+    check_types,
+    checks_names,
+    require,
+    require_seed,
+    warn_of,
+)
 from .core.checks import LIGHT_FILE, refuse_path
 from .core.options import complete, documents
 from .core.progress import automatic_progress, is_asked
@@ -160,6 +169,7 @@ def prepare_light(
     return sensor.of(photons)
 
 
+@checks_names
 class Sensor:
     """A camera that keeps what :func:`expose` computes in each call.
 

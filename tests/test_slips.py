@@ -69,6 +69,12 @@ WRONG = {
     "ms.capture('flat_field', camera, 0.1)": "pass Exposure(time_s=0.1)",
     "ms.load_camera('sony_imx147')": "Did you mean 'sony_imx174'",
     "ms.load_camera('IMX 477')": "Did you mean 'raspberry_pi_hq'",
+    "ms.Exposure(0.1, temperature=300)": "Did you mean 'temperature_k'",
+    "ms.Exposure(0.1, iso=800)": "The arguments are time_s, temperature_k",
+    "ms.Sensor(camera, seril=1)": "Did you mean 'serial'",
+    "ms.Metering(shre=1)": "Did you mean 'share'",
+    "ms.AutoExposure(dampng=1)": "Did you mean 'damping'",
+    "ms.Photons(ones, wavelength_nm=500)": "Did you mean 'wavelengths_nm'",
     # arguments of exposures
     "ms.expose(ones, camera, exposure, first_frame=2**32)": "from 0 to 4294967295",
     "ms.expose(ones, camera, exposure, seed=2**64)": "seed is 18446744073709551616",

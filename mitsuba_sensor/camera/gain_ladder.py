@@ -15,6 +15,7 @@ from ..stages.datasheet import FileTable, NotNegative, Positive, optional
 from ..stages.effects.source_follower_noise import check_shape
 from ..stages.gains import gain_behind_register_dn_per_e, sense_gain_v_per_e
 from ..stages.usual_range import THOUSANDS, VOLTS_TO_UV, Usual
+from .shipped import cameras_with_gains
 
 if TYPE_CHECKING:
     from .camera import Camera
@@ -133,7 +134,10 @@ def _unknown_gain(camera: Camera, label: str) -> str:
     if camera.gains:
         labels = ", ".join(setting.label for setting in camera.gains)
         return f"gain is {label!r}; the gain settings of {camera.name} are {labels}"
-    return f"gain is {label!r}, but {camera.name} has no gain settings; omit gain, or add [[gains]] to its file"
+    return (
+        f"gain is {label!r}, but {camera.name} has no gain settings; omit gain, add [[gains]] to its file, or use "
+        f"{', '.join(cameras_with_gains())}"
+    )
 
 
 def at_gain(camera: Camera, setting: float | str) -> Camera:

@@ -21,3 +21,9 @@ def list_cameras() -> list[str]:
         for file in SHIPPED.iterdir()
         if file.name.endswith(".toml")
     )
+
+
+def cameras_with_gains() -> list[str]:
+    """Return the names of the included cameras that have gain settings."""
+    files = ((name, SHIPPED / f"{name}.toml") for name in list_cameras())
+    return [name for name, file in files if "\n[[gains]]" in file.read_text("utf-8")]

@@ -210,10 +210,11 @@ def show_camera(
     facts |= {"sources": dict(camera.sources), "notes": list(camera.notes)}
     facts |= {"emva1288": figures and figures.to_dict(), "hdr": hdr}
     numbers = camera.model_dump(mode="json", exclude={"sources", "gains", "readouts"})
+    fields = sorted(flat_fields(numbers), key=lambda item: item[1] in (None, []))  # unset last
     tables: dict[str, object] = {
         "fields": [
             {"field": field, "value": value, "source": camera.sources.get(field, "")}
-            for field, value in flat_fields(numbers)
+            for field, value in fields
         ]
     }
     if camera.gains:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ..core.options import Declared
 
-FLAGS: dict[str, str] = {"time_s": "--exposure-s", "exposure": "--exposure-s"}
+FLAGS: dict[str, str] = {"time_s": "--exposure-s", "exposure": "--exposure-s", "out": "-o"}
 """Python argument → flag; every command adds its options."""
 PHRASES = {
     "None unsets a field": "--set FIELD=none unsets a field",

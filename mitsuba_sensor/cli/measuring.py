@@ -14,6 +14,7 @@ from rich.text import Text
 from ..core import InputError, require_seed
 from ..core.options import Option
 from .app import err, show, show_remarks
+from .flag_names import with_flags
 from .progress import steps_bar
 from .tables import ResultTable, counted
 
@@ -112,7 +113,9 @@ def study_sheet(study: "Study", path: str) -> RenderableType:
     title = Text.assemble((study.title, "bold"), " – ", (study.headline, style), f" → {path}")
     tables = (part for part in study.parts if isinstance(part, Table) and part.rows)
     shown = [_table(part) for part in tables if part.terminal != ()]
-    return Group(title, *(Text(f"• {finding}") for finding in study.findings), *shown)
+    return Group(
+        title, *(Text(f"• {with_flags(finding)}") for finding in study.findings), *shown
+    )
 
 
 def _table(table: "Table") -> ResultTable:

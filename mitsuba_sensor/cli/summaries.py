@@ -44,6 +44,8 @@ def summary(report: Report, folder: str) -> RenderableType:
     report : contents of frame.json.
     """
     told = temperature_note(report["exposure"]["temperature_k"])  # before the work began
+    if report["sensor"] is None and report["render"]["samples_per_pixel"]:
+        told += tuple(report["render"]["notes"])  # by the command that rendered this light
     notes = by_weight(note for note in report["notes"] if note not in told)
     lines = [
         Text.assemble(("note: ", "bold yellow"), with_flags(note)) for note in notes[:NOTES_MAX]

@@ -11,6 +11,7 @@ from .errors import require as require
 from .errors import require_seed as require_seed
 from .exposure import Exposure as Exposure
 from .frame import Frame as Frame
+from .near_names import checks_names as checks_names
 from .near_names import closest as closest
 from .near_names import nearest as nearest
 from .near_names import nearest_file as nearest_file

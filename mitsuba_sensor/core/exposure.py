@@ -3,10 +3,12 @@
 from dataclasses import dataclass
 
 from .errors import require
+from .near_names import checks_names
 
 TIME_MAX_S, TEMPERATURE_MAX_K = 1e12, 1e4  # beyond any camera
 
 
+@checks_names
 @dataclass(frozen=True)
 class Exposure:
     """Exposure time and sensor temperature.

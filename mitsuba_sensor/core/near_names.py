@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import re
 from collections.abc import Iterable
+from functools import wraps
+from typing import Any, TypeVar
+
+from .errors import InputError
+
+Class = TypeVar("Class")
 
 TYPOS_MAX, LETTERS_PER_TYPO = 2, 4
 """A name may have one typo, or one per 4 letters if it is longer, but at most 2."""
@@ -22,6 +29,23 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """Return `` Did you mean …?`` with the known name closest to ``name``; empty if no name is close."""
     match = closest(name, known)
     return f" Did you mean {match!r}?" if match else ""
+
+
+def checks_names(kind: type[Class]) -> type[Class]:
+    """Make a class raise InputError for an unknown argument, with the nearest known name."""
+    original: Any = kind.__init__
+    names = [*inspect.signature(original).parameters][1:]
+
+    @wraps(original)
+    def checked(self: Class, *values: object, **named: object) -> None:
+        for name in named:
+            if name not in names:
+                remedy = nearest(name, names) or f" The arguments are {', '.join(names)}."
+                raise InputError(f"{name!r} is not an argument of {kind.__name__}.{remedy}")
+        original(self, *values, **named)
+
+    kind.__init__ = checked  # type: ignore[misc]
+    return kind
 
 
 def nearest_file(name: str, suffix: str = "", folder: str | os.PathLike[str] = ".") -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from .errors import InputError
+from .near_names import checks_names
 from .notes import SourceOfLight
 from .types import Array, Float64Array, NumpyArray
 
@@ -32,6 +33,7 @@ class Illuminant(NamedTuple):
     power: Float64Array
 
 
+@checks_names
 @dataclass(frozen=True, eq=False, repr=False)
 class Photons:
     """Mean photons per pixel in one exposure, unrounded.

@@ -63,7 +63,7 @@ class Folders(NamedTuple):
         what : the file is, for messages.  suffix : of files to suggest instead of a missing file.
         """
         folders = folder_names(self.roots)
-        remedy = f"name its folder with --root and write its path from there (the folders now: {folders})"
+        remedy = f"name its folder with roots= and write its path from there (the folders now: {folders})"
         leads_out = os.path.isabs(name) or ".." in PurePath(name).parts or "\0" in name
         if leads_out and (self.untrusted or "\0" in name):
             raise InputError(

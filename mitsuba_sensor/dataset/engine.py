@@ -158,9 +158,9 @@ def _death(future: futures.Future[Outcome]) -> tuple[str, bool]:
     if error is None:
         return "", False
     if isinstance(error, TimeoutError):
-        return "it took longer than --timeout-s", False
+        return "it took longer than the time limit", False
     if isinstance(error, ProcessExpired) and error.exitcode == TOO_MUCH_MEMORY:
-        return "it took more than --memory-gb", False
+        return "it took more memory than the limit", False
     is_killed_worker = type(error).__name__ == "KilledWorker"  # Dask has tried it again itself
     if isinstance(error, ProcessExpired) or is_killed_worker:
         return "without output: a signal, or too little memory", not is_killed_worker
@@ -180,13 +180,13 @@ def _pool(job: Job, options: RunOptions) -> AbstractContextManager[Pool]:
         if limit:
             raise InputError(
                 f"{limit} limits processes of this machine; give `dask worker` its own --memory-limit, or remove "
-                "--scheduler."
+                "scheduler=."
             )
         return _cluster(job, options)
     if options["workers"] == 0:
         if limit:
             raise InputError(
-                f"{limit} ends a process that makes samples, but workers is 0; give --workers 1 or more."
+                f"{limit} ends a process that makes samples, but workers is 0; give workers=1 or more."
             )
         return nullcontext(Pool(partial(_made_here, replace(job, capture=False)), lambda: 1))
     return _processes(job, options["workers"] or usual_workers(), options["timeout_s"])

@@ -58,7 +58,7 @@ def forecast(plan: DatasetPlan, counts: Counts) -> Forecast:
         scratch = cache_folder()
     except RuntimeError:
         raise InputError(
-            "the user has no home folder for a short render; set XDG_CACHE_HOME, or take --count-only."
+            "the user has no home folder for a short render; set XDG_CACHE_HOME, or count without a render."
         ) from None
     durable.remove_unfinished(scratch)
     measured: dict[str, tuple[float, ...]] = {}

@@ -320,10 +320,10 @@ def load_plan(
     """
     text, folders = text_of_dataset(path), [Path(path).parent, *roots]
     for root in folders:
-        refuse_empty(root, "--root", "give the name of a folder")
+        refuse_empty(root, "roots=", "give the name of a folder")
         if not Path(root).is_dir():
             raise InputError(
-                f"--root {root} is not a folder; give a folder that holds scenes or cameras."
+                f"roots= {root} is not a folder; give a folder that holds scenes or cameras."
             )
     file = read_dataset_text(text, f"dataset file {str(path)!r}")
     plan = DatasetPlan(file, Folders([*map(Path, folders)], untrusted), text)

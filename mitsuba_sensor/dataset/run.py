@@ -145,7 +145,7 @@ def run(
         :class:`RunProgress` after every step.
     Raises InputError; DiskFull if the disk is full: complete samples stay, and another run continues.
     """
-    refuse_empty(out, "-o", "give the name of a folder, e.g. -o out")
+    refuse_empty(out, "out=", "give the name of a folder, e.g. out='out'")
     with shown_run(progress) as show:
         return _Run(plan, Store(out), complete(RunOptions, options), show).make()
 

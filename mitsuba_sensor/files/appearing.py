@@ -121,7 +121,7 @@ def refuse_empty(path: str | os.PathLike[str], name: str, remedy: str) -> None:
 
 def require_folder(path: str | os.PathLike[str]) -> None:
     """Raise InputError if ``path`` cannot become or be a folder; call before long work, because nothing is made."""
-    refuse_empty(path, "-o", "give the name of a folder, e.g. -o out")
+    refuse_empty(path, "out=", "give the name of a folder, e.g. out='out'")
     nearest = next(
         place
         for place in (Path(path), *Path(path).absolute().parents)

@@ -27,7 +27,7 @@ def copy_scene(name: str, folder: str | Path, force: bool = False) -> list[Path]
     for copy, content in contents.items():
         if copy.is_dir() or (copy.exists() and not force and copy.read_bytes() != content):
             raise InputError(
-                f"{copy} exists already and differs; --force overwrites it, or give another folder."
+                f"{copy} exists already and differs; force=True overwrites it, or give another folder."
             )
     with disk_sentences(Path(folder)):
         for copy in contents:

@@ -77,7 +77,7 @@ def check_below(
             link = f" (a link to {real})" if real != Path(os.path.abspath(path)) else ""
             raise InputError(
                 f"{path}{link} is outside of the folders that may be read ({folder_names(roots)}); move it into one of "
-                "them, or name its folder with --root."
+                "them, or name its folder with roots=."
             )
     return named
 

@@ -33,7 +33,7 @@ def appearing_folder(path: Path, force: bool, facts: Mapping[str, Any]) -> Itera
     facts : entries of LISTING beside the size and SHA-256 of each file.
     Raises InputError before the block if ``path`` is occupied, and DiskFull.
     """
-    refuse_empty(path, "-o", "give the name of a folder, e.g. -o export")
+    refuse_empty(path, "out=", "give the name of a folder, e.g. out='export'")
     _require_free(path, force)
     require_folder(path.parent)
     scratch = durable.scratch_name(path.parent)
@@ -101,7 +101,9 @@ def _require_free(path: Path, force: bool) -> None:
     if listed is None:
         raise InputError(f"{path} exists and is not an export; give the name of a new folder.")
     if not force:
-        raise InputError(f"{path} exists already; --force replaces it, or give another name.")
+        raise InputError(
+            f"{path} exists already; force=True replaces it, or give another name."
+        )
     if others := sorted(set(files_below(path)) - listed):
         raise InputError(
             f"{path} contains {others[0]}, which is not part of the export; move it, or give another name."

@@ -18,7 +18,11 @@ if TYPE_CHECKING:
     from PIL import Image
 
 SIDE, GAP = 256, 4  # longer side of a picture, and the space between two [pixels]
-LINE_HEIGHT, MOST_LETTERS = 13, 42  # of a line of text; so many are about as wide as a picture
+FONT_PX, LINE_HEIGHT, MOST_LETTERS = (
+    13,
+    17,
+    38,
+)  # of a line of text, which is about as wide as a picture
 BRIGHT_PERCENTILE, HALF, MOST_STOPS = 98, 0.5, 6
 """Of the pixels of a picture, the share of white that they reach, and by how many stops at most it is made brighter."""
 WHITE, BLACK = (255, 255, 255), (0, 0, 0)
@@ -97,7 +101,7 @@ def text_picture(lines: Sequence[str]) -> Image.Image:
     """Black lines on a white picture of their size; long ones are cut."""
     from PIL import Image, ImageDraw, ImageFont
 
-    font, shown = ImageFont.load_default(), [_cut(line) for line in lines]
+    font, shown = ImageFont.load_default(FONT_PX), [_cut(line) for line in lines]
     widths = [int(font.getlength(line)) + 1 for line in shown]
     picture = Image.new(
         "RGB", (max(widths, default=1), max(LINE_HEIGHT * len(shown), 1)), WHITE

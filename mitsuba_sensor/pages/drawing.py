@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import io
-import math
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, cast
 
+from ..core.plots import set_log_axis
 from .page import Dots, Line, Picture, Plot
 
 if TYPE_CHECKING:
@@ -32,11 +31,6 @@ MARKERS = "osD^vPX*>"
 WIDTH_IN, HEIGHT_IN, ROW_IN, MARGIN_IN, DPI = 6.4, 3.8, 0.26, 0.1, 160
 LABEL_LETTERS_MAX = 22
 """A legend with a longer label has two columns."""
-LOG_RATIO_MIN = 4.0
-"""Values that span a smaller ratio are drawn on a linear axis."""
-DECADES_MAX = 2.6
-"""A wider logarithmic axis has ticks at powers of ten only."""
-TICKS_MAX = 8
 SETTINGS: dict[str, Any] = {
     "font.size": 9.5,
     "axes.axisbelow": True,
@@ -174,30 +168,3 @@ def draw_dots(dots: Dots, axes: Axes) -> None:
     if dots.log_x:
         every = [one for values in dots.series.values() for one in values if one is not None]
         set_log_axis(axes, "x", [dots.level[0], *(value for value, *_ in every)])
-
-
-def set_log_axis(axes: Axes, name: str, values: Iterable[float]) -> None:
-    """Make an axis logarithmic if its values span enough, with at least three labelled ticks."""
-    from matplotlib.ticker import NullLocator
-
-    positive = [value for value in values if value > 0 and math.isfinite(value)]
-    if not positive or max(positive) < LOG_RATIO_MIN * min(positive):
-        return
-    axis = axes.xaxis if name == "x" else axes.yaxis
-    axes.set(**{f"{name}scale": "log"})
-    ends, ticks = log_ticks(min(positive), max(positive))
-    axis.set_ticks(ticks)
-    axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter("{x:g}")
-    axes.set(**{f"{name}lim": (ends[0] / 1.15, ends[1] * 1.15)})
-
-
-def log_ticks(low: float, high: float) -> tuple[tuple[float, float], list[float]]:
-    """Return the ends and ticks of an axis that holds two numbers: 1-2-5, or powers of ten for a wide range."""
-    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
-    steps = (1, 2, 5) if math.log10(high / low) < DECADES_MAX else (1,)
-    every = [float(f"{step}e{decade}") for decade in range(first, last + 1) for step in steps]
-    below = max(place for place, tick in enumerate(every) if tick <= low)
-    above = min(place for place, tick in enumerate(every) if tick >= high)
-    inside = every[below : above + 1]
-    return (inside[0], inside[-1]), inside[:: -(-len(inside) // TICKS_MAX)]

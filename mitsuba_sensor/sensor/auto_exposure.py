@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..camera.camera import Camera
 from ..camera.exposure_times import longest_exposure_s
 from ..camera.figures import saturation_e
-from ..core import Exposure, InputError, nearest, require
+from ..core import Exposure, InputError, checks_names, nearest, require
 from ..optics.shutter import shutter_of
 from ..stages.gains import gain_dn_per_e
 
@@ -28,6 +28,7 @@ DARKEST_OVER_SATURATION = 1e-6
 EXAMPLE = "target 0.18, damping 0.5, delay 2"
 
 
+@checks_names
 @dataclass(frozen=True)
 class AutoExposure:
     """A controller of exposure time and gain, from frame to frame.

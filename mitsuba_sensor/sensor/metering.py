@@ -22,6 +22,7 @@ from ..core import (
     Photons,
     SensorWindow,
     check_types,
+    checks_names,
     require,
 )
 from ..core.backend import FLOAT32_LIMIT
@@ -44,6 +45,7 @@ DIGITS = 3
 """Digits of the metered time, so that it can be typed."""
 
 
+@checks_names
 @dataclass(frozen=True)
 class Metering:
     """An exposure whose time follows from the light.

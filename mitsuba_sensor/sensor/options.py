@@ -192,7 +192,7 @@ class ExposeOptions(FrameOptions, ArrayOptions, total=False):
 
 
 class ChipOptions(MapOptions, total=False):
-    """Which chip, of :func:`mitsuba_sensor.render.plugins.digital.digital` and ``raw_log_likelihood``."""
+    """Sensor unit of :func:`mitsuba_sensor.render.plugins.digital.digital` and ``raw_log_likelihood``."""
 
     serial: Annotated[
         int | None,

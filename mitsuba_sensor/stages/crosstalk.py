@@ -163,7 +163,7 @@ class CrosstalkFields(FileTable):
         points = getattr(self, "wavelengths_nm", ())
         if self.diffusion_um is not None and len(self.diffusion_um) != len(points):
             raise ValueError(
-                f"diffusion_um has {len(self.diffusion_um)} values for {len(points)} wavelengths_nm"
+                f"diffusion_um has {len(self.diffusion_um)} values for {len(points)} wavelengths_nm; give one for each"
             )
         if self.diffusion_um is not None and bursts(getattr(self, "quantum_yield", None)):
             raise ValueError(

@@ -1,4 +1,4 @@
-"""Types and ranges of the fields of camera files, and the tables of chip and pixel; effects/ declares the others."""
+"""Types and ranges of the fields of camera files, and the tables of sensor and pixel; effects/ declares the others."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def _numbers_from(low: float, high: float, example: float) -> BeforeValidator:
 
 
 class SensorSection(FileTable):
-    """The whole sensor."""
+    """The sensor."""
 
     technology: Literal["cmos", "ccd"] = Field(
         title="CCD, CMOS", description="determines the stages of the chain", examples=["cmos"]

@@ -238,7 +238,7 @@ def picture_of(cases: Mapping[str, Case], tolerance_dn: float) -> Dots:
         series,
         (tolerance_dn, f"tolerance {tolerance_dn:g} DN"),
         log_x=True,
-        note=f"Bars are 95 % intervals over {SENSORS} sensor units. Sources that change no code are not shown.",
+        note=f"Bars are 95 % intervals over {SENSORS} sensor units. Missing dots and sources are no change at all.",
     )
 
 

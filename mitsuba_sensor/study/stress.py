@@ -328,10 +328,11 @@ def picture(answers: Sequence[Answer], engines: Sequence[str]) -> Dots:
     for engine in engines:
         found = [worst.get((engine, theme), 0.0) for theme in themes]
         series[engine] = [(off, off, off) if off > 0 else None for off in found]
+    exact = {theme for theme in themes if not any(worst.get((x, theme)) for x in engines)}
     return Dots(
         "Largest deviation of each theme",
         "deviation / allowed deviation [1]",
-        themes,
+        tuple(f"{theme} (all 0)" if theme in exact else theme for theme in themes),
         series,
         (1.0, "limit"),
         log_x=True,

@@ -229,7 +229,7 @@ def recommended(
     if own_error * REFERENCE_MARGIN > tolerance:
         return None, (
             f"No render is recommended: after {REFERENCE_S:g} s, the reference has an error of {own_error:.2g}, which "
-            f"must be at most 1/{REFERENCE_MARGIN:g} of the tolerance of {tolerance:g}; use --tolerance "
+            f"must be at most 1/{REFERENCE_MARGIN:g} of the tolerance of {tolerance:g}; use tolerance="
             f"{REFERENCE_MARGIN * own_error * 1.1:.1g} or more."
         )
     best = fastest(points, tolerance)

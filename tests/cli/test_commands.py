@@ -226,6 +226,13 @@ def test_a_summary_repeats_no_note_wraps_its_lines_and_gives_no_ratio_of_a_satur
     assert any("temperature_k is 25" in note for note in found["notes"])
     text = printed(summary(found, "out"), 60)
     assert "is 25;" not in text and "render noise: variance" in text
+    of_light = {
+        **found,
+        "notes": ["no lamp"],
+        "render": {**found["render"], "notes": ["no lamp"]},
+    }
+    assert "no lamp" not in printed(summary(of_light, "out"), 60), "a note of an earlier render"
+    assert "no lamp" in printed(summary({**of_light, "sensor": {}}, "out"), 60)
     assert max(map(len, text.splitlines())) <= 60
     pixels = found["image"]["rows"] * found["image"]["columns"]
     found["counts"] = {**found["counts"], "clipped_adc_high": pixels}
@@ -292,7 +299,11 @@ def test_cameras_list_and_show_have_the_facts_of_every_camera(cli: Cli) -> None:
     assert [one["name"] for one in listed] == ms.list_cameras()
     for one in listed[::7]:
         shown = cli("cameras", "show", one["name"])
-        assert "adc.bits" in shown.stdout and shown.exit_code == 0
+        fields, unset = (
+            shown.stdout.index("\nadc.bits"),
+            shown.stdout.index("\nsensor.polarizers"),
+        )
+        assert fields < unset and shown.exit_code == 0, "unset fields are last"
     schema = json.loads(cli("cameras", "schema").stdout)
     assert {"sensor", "pixel", "adc", "lens"} <= set(schema["properties"])
 

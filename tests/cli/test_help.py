@@ -54,6 +54,11 @@ OWN = ("help", "help_all", "version", "install_completion", "show_completion")
 """Options that stand in no panel of ours."""
 
 
+def test_short_help_keeps_defaults_of_one_word() -> None:
+    help_of = flat(said("render", "-h", env={"COLUMNS": "80"}))
+    assert "[default: konnik_table1]" in help_of and "[default: 72]" in help_of
+
+
 @pytest.mark.parametrize("path", one_in(3, COMMANDS), ids=" ".join)
 def test_help_is_a_screen_and_help_all_has_every_flag_in_full(path: tuple[str, ...]) -> None:
     """In a panel of its own, with every value that is allowed; the docstring is there, and [sources] is no markup."""

@@ -56,7 +56,7 @@ def folder(tmp_path: Path) -> Path:
 def test_a_mesh_of_a_scene_is_below_the_roots(folder: Path) -> None:
     assert planned(folder) == 1
     (folder / "scene.xml").write_text(scene_text(SKY, SECRET.format("../out/qe.csv")))
-    with pytest.raises(ms.InputError, match=r"outside of the folders.*--root"):
+    with pytest.raises(ms.InputError, match=r"outside of the folders.*roots="):
         planned(folder)
     assert planned(folder, untrusted=False) == 1
     assert planned(folder, folder.parent / "out") == 1
@@ -98,7 +98,7 @@ def test_the_curves_of_a_camera_are_below_the_roots(how: str, folder: Path) -> N
     else:
         key = '"quantum_efficiency.file"' if how == "by name" else "quantum_efficiency.file"
         more = f'set = {{{key} = "../out/qe.csv"}}'
-    with pytest.raises(ms.InputError, match="--root"):
+    with pytest.raises(ms.InputError, match="roots="):
         planned(folder, camera=camera, more=more)
     if how != "in the camera file":  # which has curves of its own, too
         assert planned(folder, camera=camera, more=more, untrusted=False) == 1
@@ -117,7 +117,7 @@ def test_a_scene_elsewhere_is_read_where_the_file_is_trusted(how: str, folder: P
     (folder / "dataset.toml").write_text(text, "utf-8")
     (task,) = load_plan(folder / "dataset.toml").tasks()
     assert task.samples
-    with pytest.raises(ms.InputError, match="--root"):
+    with pytest.raises(ms.InputError, match="roots="):
         [*load_plan(folder / "dataset.toml", untrusted=True).tasks()]
 
 
@@ -125,12 +125,12 @@ def test_a_file_with_a_near_name_is_suggested_first_and_never_if_untrusted(
     folder: Path,
 ) -> None:
     (folder / "scene.xml").rename(folder / "scenes.xml")
-    with pytest.raises(ms.InputError, match=r"Did you mean 'scenes.xml'\? Otherwise .*--root"):
+    with pytest.raises(ms.InputError, match=r"Did you mean 'scenes.xml'\? Otherwise .*roots="):
         planned(folder, untrusted=False)
     (folder / "mine.toml").touch()
     with pytest.raises(ms.InputError, match=r"Did you mean 'mine.toml'\?"):
         planned(folder, camera="mine.tml", untrusted=False)
-    with pytest.raises(ms.InputError, match=r"no such file; .*--root"):
+    with pytest.raises(ms.InputError, match=r"no such file; .*roots="):
         planned(folder)
 
 

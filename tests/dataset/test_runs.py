@@ -181,7 +181,7 @@ def test_a_task_that_raises_dies_takes_too_long_or_too_much_costs_that_task_alon
     assert [k for k in sorted(found) if not found[k].failed] == [1, 4, 7]
     assert found[2].failed == "ValueError: a bug" and "make_badly" in found[2].log
     assert found[3].failed == "its process died 2 times (the renderer is on fire)"
-    assert "took longer than --timeout-s" in found[5].failed
+    assert "took longer than the time limit" in found[5].failed
     assert "GB of memory" in found[6].failed
     for k in (1, 4, 7):
         make_quickly(Store(tmp_path / "here"), plan.record(7), tasks[k])
@@ -298,7 +298,7 @@ def test_options_that_contradict_are_refused(
 
 @pytest.mark.parametrize("out", ["", "s3://bucket/pairs"])
 def test_no_folder_is_no_current_folder(out: str, no_renders: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InputError, match="-o is"):
+    with pytest.raises(InputError, match="out= is"):
         run(plan_of(grid=LIGHTS), out, workers=0, progress=False)
 
 

@@ -147,7 +147,7 @@ def test_files_outside_of_the_roots_are_refused_and_their_folder_can_be_named(
     )
     parameters = {"n": "../out"} if how == "parameter" else {}
     with pytest.raises(
-        ms.InputError, match=r"outside of the folders that may be read.*--root"
+        ms.InputError, match=r"outside of the folders that may be read.*roots="
     ) as caught:
         scene_digest(root / "scene.xml", parameters, [root])
     assert "secret.xml" in str(caught.value) and "\n" not in str(caught.value)

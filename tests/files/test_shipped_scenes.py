@@ -134,7 +134,7 @@ def test_a_copy_does_not_write_over_what_was_changed(tmp_path: Path) -> None:
     copy_scene("first_frame", tmp_path)
     part.write_text("changed")
     scene.unlink()
-    with pytest.raises(ms.InputError, match=r"still_life\.xml exists already.*--force"):
+    with pytest.raises(ms.InputError, match=r"still_life\.xml exists already.*force=True"):
         copy_scene("still_life", tmp_path)
     assert part.read_text() == "changed" and not scene.exists()
     copy_scene("still_life", tmp_path, force=True)

@@ -261,7 +261,7 @@ def test_an_exported_folder_lists_its_files_and_is_replaced_only_by_force(
     with pytest.raises(KeyError), appearing_folder(out, True, {}) as folder:
         inside(folder, "b").write_text("new", "utf-8")
         raise KeyError
-    with pytest.raises(ms.InputError, match="--force"):
+    with pytest.raises(ms.InputError, match="force=True"):
         write_folder(out, "new")
     assert tree(tmp_path) == before
     write_folder(out, "new", force=True, name="b.txt")

@@ -100,7 +100,9 @@ def test_results_do_not_depend_on_the_unit_and_draw_themselves_with_named_axes(
     if hasattr(result, "plot"):
         axes = Figure().subplots()
         result.plot(axes)
-        assert axes.get_xlabel() and axes.get_ylabel() and not axes.texts
+        levels = [one for one in axes.lines if one.get_linestyle() == ":"]
+        assert axes.get_xlabel() and axes.get_ylabel()
+        assert len(axes.texts) == len(levels), "every level has its name"
         assert len(axes.get_legend_handles_labels()[1]) <= 8
     if name in ("contrast_detection", "distortion", "lateral_colour", "noise_divergence"):
         return

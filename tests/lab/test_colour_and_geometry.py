@@ -99,7 +99,9 @@ def test_cos4_has_its_relative_illumination(fall: float) -> None:
 
 def test_channels_that_fall_alike_have_no_shading() -> None:
     planes = np.stack([300 * falling(0.2), 1000 * falling(0.2), 500 * falling(0.25)], axis=2)
-    red, blue = flat_field(planes).shading
+    measured = flat_field(planes, ("R", "G", "B"))
+    red, blue = measured.shading
+    assert blue.name == "colour shading, B over G"
     assert red.value == pytest.approx(0, abs=1e-9)
     assert blue.value == pytest.approx(100 * (1.2**2 / 1.25**2 - 1), abs=0.1)
 

@@ -263,7 +263,7 @@ def test_colours_of_a_bayer_camera_are_those_of_its_filters() -> None:
         "CS_2",
     }
     assert 0.3 < theory(found["", "ΔE00"]) < 5
-    assert "channel 0 is R" in found["", "RI_0"].quantity.note
+    assert found["", "RI_0"].quantity.name.endswith(", R")
 
 
 @pytest.mark.parametrize(

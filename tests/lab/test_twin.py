@@ -205,6 +205,8 @@ def test_what_frames_do_not_show_is_taken_from_another_camera_or_assumed(bench: 
     assert camera.pixel.pitch_x_um == like.pixel.pitch_x_um
     assert camera.sources["pixel.pitch_x_um"].startswith("of konnik_table1: ")
     assert gain_dn_per_e(camera) == pytest.approx(twin.base.gain.quantity.value, rel=1e-9)
+    with pytest.raises(ms.InputError, match="is a CCD, which has none; pass as like="):
+        twin.tables(ms.load_camera("eso_feros").model_dump())
     like = like.replace(**{"readout.gain_dn_per_e": 0.368, "adc.full_scale_v": None})
     camera = camera_from(twin.tables(like.model_dump()), "twin")
     assert camera.readout.gain_dn_per_e == twin.base.gain.quantity.value

@@ -317,6 +317,8 @@ def tuning(*algorithms: Any) -> Any:
         ("a.json", "{", "JSON"),
         ("a.json", [], "algorithms"),
         ("a.json", tuning({"rpi.lux": {}}), "reference_slope rpi.lux"),
+        ("a.json", tuning({"rpi.noise": {"reference_slop": 2}}), "reference_slope reference_slop"),
+        ("a.toml", 'sensor_type = "CMOS"\nread_noise = 2.0', "read_noise_e"),
         ("a.json", tuning({"rpi.noise": {"reference_slope": -1}}), "reference_slope -1"),
         ("a.json", tuning({"rpi.noise": {"reference_slope": 2}}, {"rpi.alsc": {"luminance_lut": [1]}}), "192"),
         ("a.json", {"x_100": {"lam": 0.1}}, "'x_100' siggs"),
@@ -335,7 +337,7 @@ def test_a_bad_file_is_one_sentence_with_file_value_and_a_way_out(
     with pytest.raises(ms.InputError) as error:
         import_camera(written(tmp_path, name, data))
     said = str(error.value)
-    assert all(word in said for word in (name, *words.split())) and said[-1] in ".)", said
+    assert all(word in said for word in (name, *words.split())) and said[-1] in ".)?", said
 
 
 def test_missing_files_and_several_files_are_refused(tmp_path: Path) -> None:

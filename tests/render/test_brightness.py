@@ -212,7 +212,7 @@ def test_lint_and_the_summary_say_how_bright_it_is(
 ) -> None:
     lamp = LAMP.format('<rgb name="radiance" value="12, 11, 9"/>')
     scene = write_scene(tmp_path, scene_text(SKY, lamp, film="<rfilter type='gaussian'/>"))
-    said = "807\u00a0000 cd/m² (like the sun at the horizon)"
+    said = "807\u00a0000 cd/m² (1.3 times as bright as the sun at the horizon)"
     findings = json.loads(cli("lint", scene, "--json").stdout)
     assert any(said in one["what"] and one["level"] == "fact" for one in findings)
     small = ("--spp", 16, "--no-denoise", "--variant", "scalar_spectral")
@@ -224,9 +224,9 @@ def test_lint_and_the_summary_say_how_bright_it_is(
     assert not any("filter 'gaussian'" in one for one in report["notes"])
 
 
-def test_a_lamp_is_not_compared_with_a_scene() -> None:
-    assert cd_per_m2(700.0, of_image=True) == "700 cd/m² (like an overcast day)"
-    assert cd_per_m2(700.0) == "700 cd/m² (like the white of a computer screen)"
+def test_a_luminance_is_compared_by_a_factor() -> None:
+    sunlit = "2100 cd/m² (0.42 times as bright as a landscape in full sunlight)"
+    assert cd_per_m2(2100.0) == sunlit
 
 
 def test_several_sensors_refuse_a_scale_of_each_view(tmp_path: Path) -> None:

@@ -108,7 +108,7 @@ WRONG = {
     "table1(readout__sense_gain_uv_per_e=None, readout__gain_dn_per_e=0.1, readout__reset='hard')": "sense_gain_uv_per_e",
     "ms.load_camera('sony_a7s2').at_gain(801)": "gain settings of sony_a7s2 are",
     "ms.load_camera('sony_a7s2').at_gain(True)": "ISO",
-    "table1().at_gain(100)": "no gain settings",
+    "table1().at_gain(100)": "or use eso_feros, hamamatsu_orca_quest_2, moravian_c1_5000, raspberry_pi_hq, sony_a7s2",
     "table1(gains=[{'gain_dn_per_e': 1.0, 'read_noise_e': 1.0}])": "iso",
     "table1(gains=[{'iso': 1, 'name': 'a', 'gain_dn_per_e': 1.0, 'read_noise_e': 1.0}])": "either",
     "table1(gains=[{'iso': 100, 'read_noise_e': 1.0}])": "gain_dn_per_e",

@@ -133,28 +133,18 @@ def grey_instrument(taken: Taken) -> list[Measured]:
     """Measure relative illumination and colour shading of all filters together."""
     try:
         planes = planes_of_filters(taken.bench)
-        field = flat_field(np.stack(list(planes.values()), axis=2))
+        names = list(planes) if len(planes) > 1 else ["measured"]
+        field = flat_field(np.stack(list(planes.values()), axis=2), names)
     except InputError as error:
         return [Measured("", (), refused=(str(error),))]
-    names, figures = list(planes), list(field.quantities)
-    if len(names) > 1:
-        channels = [int(figure.symbol.rpartition("_")[2]) for figure in figures]
-        figures = [
-            figure.noted(f"channel {n} is {names[n]}")
-            for figure, n in zip(figures, channels, strict=True)
-        ]
     draw = partial(_draw_channels, names, field.plot)
-    return [Measured("", figures, {"Relative illumination versus image height": draw})]
+    return [Measured("", field.quantities, {"Relative illumination versus image height": draw})]
 
 
 def _draw_channels(names: Sequence[str], draw: Draw, ax: Axes) -> None:
-    """Draw the curves of channels in the colours and with the names of their filters."""
-    if len(names) > 1:
-        ax.set_prop_cycle(color=[colour_of(name, n) for n, name in enumerate(names)])
-    before = len(ax.lines)
+    """Draw the curves of channels in the colours of their filters."""
+    ax.set_prop_cycle(color=[colour_of(name, n) for n, name in enumerate(names)])
     draw(ax)
-    for one, name in zip(ax.lines[before:], names, strict=False):
-        one.set_label(name or "measured")
 
 
 def led_frames(setting: Setting, lights: Lights) -> Taken:
@@ -265,6 +255,6 @@ def chosen_charts(names: Sequence[str]) -> list[Chart]:
     for name in names:
         if name not in known:
             raise InputError(
-                f"--charts has {name!r}; the charts are {', '.join(known)}.{nearest(name, known)}"
+                f"charts= has {name!r}; the charts are {', '.join(known)}.{nearest(name, known)}"
             )
     return [chart for chart in CHARTS if not names or {chart.kind, chart.name} & set(names)]

@@ -64,8 +64,8 @@ def compared(first: Sheet, second: Sheet) -> Study:
     pairs = list(_pairs(first.figures, second.figures))
     if not pairs:
         raise InputError(
-            f"{names[0]} and {names[1]} have no figure in common; make both sheets with the same charts, --gains and "
-            "--temperatures."
+            f"{names[0]} and {names[1]} have no figure in common; make both sheets with the same charts=, gains= and "
+            "temperatures=."
         )
     lines = [_values(*pair) for pair in pairs]
     apart = sum(abs(one["z"] or 0.0) > DIFFERENCE_SIGMAS for one in lines)

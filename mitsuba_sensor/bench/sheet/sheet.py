@@ -109,9 +109,9 @@ def settings_of(
     if list(gains) == ["all"]:
         gains = [one.label for one in camera.gains]
         if not gains:
-            raise InputError(f"{camera.name} has no gain settings; omit --gains.")
+            raise InputError(f"{camera.name} has no gain settings; omit gains=.")
     if len(set(gains)) < len(gains):
-        raise InputError(f"--gains repeats a setting: {', '.join(gains)}; name each once.")
+        raise InputError(f"gains= repeats a setting: {', '.join(gains)}; name each once.")
     return [
         Setting(camera.at_gain(gain or None), gain, kelvin, *unit)
         for gain in gains or [""]
@@ -131,7 +131,7 @@ def simulated_sheet(
     charts = [chart for chart in charts if len(camera.filter_names) >= chart.filters]
     if not charts:
         raise InputError(
-            f"{camera.name} has one colour filter, and the chart colours needs three; choose other --charts."
+            f"{camera.name} has one colour filter, and the chart colours needs three; choose other charts=."
         )
     scenes = [(chart, scene) for chart in charts for scene in chart.scenes(camera)]
     total = len(scenes) + len(settings) * len(charts)
@@ -278,7 +278,7 @@ def chart_folders(path: Path) -> dict[Path, Chart]:
     """Return the folders of charts and the chart that begins each folder's name. Raises InputError without any."""
     if not path.is_dir():
         raise InputError(
-            f"--frames {path} is not a folder; give a folder with a folder for each chart."
+            f"frames= {path} is not a folder; give a folder with a folder for each chart."
         )
     of_kind: dict[str, Chart] = {}
     for chart in CHARTS:

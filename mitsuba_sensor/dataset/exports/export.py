@@ -100,7 +100,7 @@ class Job:
         if not names:
             raise InputError(
                 f"the samples have no {', '.join(usual)}; add one to the outputs of the dataset and make it again, or "
-                "name the arrays to write, e.g. `--array depth`."
+                "name the arrays to write, e.g. arrays=depth."
             )
         return names
 
@@ -113,7 +113,7 @@ class Job:
             other = "raw" if kind == "preview" else "preview"
             remedy = f"add {kind} to the outputs of the dataset, and make it again"
             if other in self.file.outputs:
-                remedy = f"take --images {other}, or {remedy}"
+                remedy = f"take images={other}, or {remedy}"
             raise InputError(f"{sample.place(kind)} is missing; {remedy}.")
         if kind == "preview":
             content = sample.content(PICTURE)
@@ -170,8 +170,8 @@ def export(
     if missing and not chosen["incomplete"]:
         raise InputError(
             f"{dataset.folder} is not complete: {missing}; `mitsuba-sensor dataset run FILE.toml -o {dataset.folder}` "
-            f"makes them, `dataset status {dataset.folder}` lists what could not be made, and --incomplete exports the "
-            "other samples."
+            f"makes them, `dataset status {dataset.folder}` lists what could not be made, and "
+            "incomplete=True exports the other samples."
         )
     for shard in dataset.store.finished().values():
         if not dataset.store.is_sound(shard):

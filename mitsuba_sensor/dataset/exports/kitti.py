@@ -34,7 +34,7 @@ def write(job: Job) -> str:
                 if not picture.endswith(".png"):
                     raise InputError(
                         f"raw frames of {sample.values.get('camera')} have more than 16 bits, but readers of KITTI "
-                        "need PNGs; take --images preview, or euroc, which writes TIFFs."
+                        "need PNGs; take images=preview, or euroc, which writes TIFFs."
                     )
         start = np.linalg.inv(sequence.poses[0])
         job.text(f"sequences/{name}/times.txt", *(_row("", [x]) for x in sequence.times_s))

@@ -80,7 +80,7 @@ def _rows(
         if size > ROW_BYTES_MAX:
             raise InputError(
                 f"sample {sample.key} has {size} bytes of images, but a row of Parquet takes at most {ROW_BYTES_MAX}; "
-                "name fewer with --array, or export to webdataset or hdf5."
+                "name fewer with arrays=, or export to webdataset or hdf5."
             )
         yield {name: x for name, x in row.items() if name in kinds}, size
         job.done()
@@ -92,6 +92,6 @@ def names_of_splits(splits: list[str]) -> dict[str, str]:
     if len({*names.values()}) < len(names):
         raise InputError(
             f"the splits {', '.join(splits)} are the same for Hugging Face, whose names have only letters, digits, _ "
-            "and dots; export each separately, with --split."
+            "and dots; export each separately, with split=."
         )
     return names

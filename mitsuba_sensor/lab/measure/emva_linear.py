@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...core.plots import set_log_axes
 from ...core.types import Float64Array
 from ..frames.selection import temporal_levels
 from ..frames.series import Report, Series, series
@@ -17,7 +18,7 @@ from ..frames.temporal import neighbour_correlation
 from ..quantity import Quantity
 from .curved_response import Curve, curvature, small_signals
 from .dark_noise import DarkNoise, dark_noise
-from .photon_transfer import PhotonTransfer, photon_transfer, set_log_axes
+from .photon_transfer import PhotonTransfer, photon_transfer
 from .radiometric import EFFICIENCY, TOO_EFFICIENT, Radiometric, radiometric
 from .saturation import NO_PHOTONS, Saturation, find_peak, saturation
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import InputError
+from ...core.plots import set_log_axes
 from ...core.types import Float64Array
 from ..frames.clipping import CLIPPED_MAX, note_left_out
 from ..frames.series import Series
@@ -34,12 +35,6 @@ BIN_PIXELS_MIN = 30
 """Smallest number of pixels in a bin; the variance of fewer has no normal error."""
 GAIN = no_value("K", "overall system gain", "DN/e-", "EMVA 1288 R4 6.6")
 INITIAL_GAIN = replace(GAIN, symbol="K_0", name="gain at zero of a parabola")
-
-
-def set_log_axes(axes: Axes) -> None:
-    """Make both axes logarithmic, unless no value is above 0."""
-    if np.isfinite(axes.dataLim.minpos).all():
-        axes.set(xscale="log", yscale="log")
 
 
 @dataclass(frozen=True, eq=False)

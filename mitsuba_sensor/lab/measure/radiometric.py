@@ -10,12 +10,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from ...core.plots import set_log_axes
 from ...core.types import Float64Array
 from ..frames.clipping import note_left_out
 from ..frames.series import Series
 from ..quantity import Figures, Quantity, no_value, quotient
 from ..statistics.line_fits import line_through_origin
-from .photon_transfer import set_log_axes
 from .saturation import Peak, find_peak
 
 if TYPE_CHECKING:

@@ -155,11 +155,23 @@ class Twin:
             sources.pop(name, None)
             if source:
                 sources[name] = source
+        self._check_technology(data)
         for name in ("gain", "gains"):
             data.pop(name, None)
         if len(self.settings) > 1:
             data["gains"] = gains_of(self.settings)
         return {**data, "sources": sources}
+
+    def _check_technology(self, data: Mapping[str, Any]) -> None:
+        """Raise InputError for a CCD whose frames show patterns that only CMOS sensors have."""
+        lines = ("dsnu_row", "dsnu_col", "prnu_col")
+        given = [f"readout.{key}" for key in lines if data["readout"].get(key)]
+        given += ["pixel.dsnu_e"] if data["pixel"].get("dsnu_e") else []
+        if given and data["sensor"]["technology"] == "ccd":
+            raise InputError(
+                f"the frames have {', '.join(given)}, but {data['name']} is a CCD, which has none; pass as like= its "
+                "copy of `cameras new COPY.toml --like NAME --set sensor.technology=cmos`."
+            )
 
     def _quantum_efficiency(self) -> Iterator[Value]:
         """Yield the quantum efficiency of each filter: measured if photons are known, else assumed."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from ...camera.camera import SET_BY_USER, Camera
 from ...camera.camera_file import camera_from
-from ...core import InputError
+from ...core import InputError, nearest
 from ...core.errors import shown
 from ...core.printable import printable
 from ...stages.gains import volts_per_electron
@@ -94,6 +94,13 @@ class Draft:
         return InputError(
             f"{self.file}: {name} is {given}; it must be {wanted}. Correct the file, or remove the setting."
         )
+
+    def refuse_misspelled(self, given: Mapping[str, object], known: Iterable[str]) -> None:
+        """Raise InputError for a key that is close to a known key that the file lacks."""
+        known = set(known)
+        for key in given.keys() - known:
+            if near := nearest(key, known - given.keys()):
+                raise InputError(f"{self.file}: unknown key {shown(key)}.{near}")
 
     def set_gain(self, dn_per_e: float, how: str) -> None:
         """Set the overall system gain K by the full scale of the ADC."""

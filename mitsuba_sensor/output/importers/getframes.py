@@ -29,6 +29,8 @@ IGNORED = (
     "nonlinearity", "read_noise_rts_fraction", "read_noise_rts_factor", "hot_pixel_fraction", "hot_pixel_factor",
     "detector_glow_e_per_s",
 )  # fmt: skip
+KEYS = {*FIELDS, *IGNORED, "name", "sensor_type", "resolution", "pixel_size_um", "gain_e_per_adu", "qe_curve",
+    "quantum_efficiency", "dark_current_ref_temp_c"}  # fmt: skip
 MULTIPLYING = ("EMCCD", "EAPD")
 SIDE_MAX = 1e6  # pixels
 
@@ -59,11 +61,12 @@ def read_preset(text: str, file: str, like: Camera) -> Draft:
         raise InputError(
             f"{file} is not valid TOML: {error}. Give a preset of getframes."
         ) from None
+    draft = Draft(file, like)
+    draft.refuse_misspelled(data, KEYS)
     if "sensor_type" not in data or "gain_e_per_adu" not in data:
         raise InputError(
             f"{file} has no sensor_type and gain_e_per_adu; give a preset of getframes."
         )
-    draft = Draft(file, like)
     if data["sensor_type"] in MULTIPLYING:
         raise InputError(
             f"{file} has sensor_type {data['sensor_type']}, which multiplies electrons; give a CCD, CMOS or SCMOS."

@@ -50,6 +50,7 @@ def read_tuning(data: dict[str, Any], file: str, like: Camera) -> Draft:
         return draft.table(name, algorithms.get(name) or {})
 
     noise, decompand, shading = map(settings, ("rpi.noise", "rpi.decompand", "rpi.alsc"))
+    draft.refuse_misspelled(noise, ("reference_slope", "reference_constant"))
     if "reference_slope" not in noise:
         raise InputError(
             f"{file} has no reference_slope in rpi.noise, only {', '.join(algorithms)[:200]}; give the tuning file of "

@@ -33,9 +33,11 @@ def is_profile(data: Mapping[str, object]) -> bool:
 def read_profile(data: Mapping[str, object], file: str, like: Camera) -> Draft:
     """Return the draft of a camera at Kmin, with gain settings an octave apart. Raises InputError."""
     draft = Draft(file, like)
+    draft.refuse_misspelled(data, ("Kmin", "Kmax", PROFILE, "G_shape"))
+    lines = draft.table(PROFILE, data[PROFILE])
+    draft.refuse_misspelled(lines, ("G_scale", "R_scale", "g_scale"))
     smallest = draft.number("Kmin", data["Kmin"])
     largest = draft.number("Kmax", data["Kmax"], smallest * (1 - 1e-9))
-    lines = draft.table(PROFILE, data[PROFILE])
     pixels, rows = (draft.table(name, lines.get(name)) for name in ("G_scale", "R_scale"))
     shapes = draft.numbers("G_shape", data.get("G_shape"), -0.5, 2.0)
     adc = {

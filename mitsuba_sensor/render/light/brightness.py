@@ -35,24 +35,19 @@ if TYPE_CHECKING:
 
 THINGS = (
     (4e-4, "the darkest night sky"),
+    (1.4e-3, "a landscape in full moonlight"),
     (2.0, "a floodlit building"),
+    (25.0, "a landscape at sunset"),
     (250.0, "the white of a computer screen"),
-    (2e3, "an overcast sky"),
+    (700.0, "a landscape on an overcast day"),
+    (5e3, "a landscape in full sunlight"),
     (1.2e4, "a fluorescent lamp"),
     (1.3e5, "a frosted light bulb"),
     (6e5, "the sun at the horizon"),
     (7e6, "the filament of a lamp"),
     (1.6e9, "the sun at noon"),
 )
-"""Luminances of the sky and of light sources [cd/m²], from Wikipedia, "Orders of magnitude (luminance)"."""
-DAYLIGHT = (
-    (1.4e-3, "full moonlight"),
-    (25.0, "sunset"),
-    (700.0, "an overcast day"),
-    (5e3, "full sunlight"),
-)
-"""Typical luminances of whole images [cd/m²], from the same page."""
-LIKE_FACTOR_MAX = 3.0  # between two luminances that are called alike
+"""Luminances [cd/m²], from Wikipedia, "Orders of magnitude (luminance)"."""
 VISIBLE_FRACTION_MIN = 0.95  # of V(λ), covered by the bands, so their sum is a luminance
 BAND_NM_MAX = 50.0  # flat bands of this width are right to 2 % for the luminance of daylight
 IMAGE_CD_PER_M2_MAX = 1e5  # sunlit snow has 3e4
@@ -67,16 +62,11 @@ NOT_LUMINOUS = (
 )
 
 
-def cd_per_m2(luminance: float, of_image: bool = False) -> str:
-    """Return ``876 000 cd/m² (like the sun at the horizon)``.  of_image : compare with daylight, too."""
-    references = THINGS + DAYLIGHT * of_image
-    value, name = min(
-        references, key=lambda known: abs(math.log(known[0] / max(luminance, 1e-9)))
-    )
+def cd_per_m2(luminance: float) -> str:
+    """Return ``1.5 cd/m² (0.75 times as bright as a floodlit building)``."""
+    value, name = min(THINGS, key=lambda thing: abs(math.log(thing[0] / max(luminance, 1e-9))))
     ratio = luminance / value
-    is_alike = 1 / LIKE_FACTOR_MAX <= ratio <= LIKE_FACTOR_MAX
-    like = "like" if is_alike else f"{float(f'{ratio:.2g}'):g} ×"
-    return f"{rounded(luminance)} cd/m² ({like} {name})"
+    return f"{rounded(luminance)} cd/m² ({float(f'{ratio:.2g}'):g} times as bright as {name})"
 
 
 def brightness_sentence(brightness: Mapping[str, float | None]) -> str:
@@ -89,7 +79,7 @@ def brightness_sentence(brightness: Mapping[str, float | None]) -> str:
     if lamp is not None:
         parts.append(f"luminance of the brightest lamp {cd_per_m2(lamp)}")
     if median is not None and illuminance is not None:
-        parts.append(f"median luminance of the image {cd_per_m2(median, of_image=True)}")
+        parts.append(f"median luminance of the image {cd_per_m2(median)}")
         parts.append(f"mean illuminance of the sensor {rounded(illuminance)} lux")
     return "; ".join(parts)
 
@@ -218,7 +208,7 @@ def with_brightness(light: Irradiance, render: LoadedRender) -> Irradiance:
             limit = f"a row of the sensor ({row_s:g} s)"
         bright.append(f"the metered exposure time is {exposure_s:g} s, shorter than {limit}")
     if median is not None and median > IMAGE_CD_PER_M2_MAX:
-        bright.append(f"the image has a median luminance of {cd_per_m2(median, of_image=True)}")
+        bright.append(f"the image has a median luminance of {cd_per_m2(median)}")
     if lamp is not None and lamp > LAMP_CD_PER_M2_MAX:
         bright.append(f"the brightest lamp has {cd_per_m2(lamp)}")
     if bright:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ...camera.camera import Camera
 from ...camera.camera_file import camera_from
 from ...camera.fingerprint import pixel_fingerprint, response_fingerprint
-from ...core import Exposure, InputError
+from ...core import Exposure, InputError, checks_names
 from ...core.signals import Illuminant
 from ...optics.waveform import Waveform
 from .light_html import light_html
@@ -67,6 +67,7 @@ class RenderedFor:
         )
 
 
+@checks_names
 @dataclass(frozen=True, eq=False, repr=False)
 class Irradiance:
     """Spectral irradiance at the focal plane, and its standard errors.

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....core import InputError, finite_numbers, require
+from ....core.plots import name_level
 from ....core.types import Float64Array
 from ...quantity import TWO_SIDED, Figures, Quantity, no_value, share_interval
 
@@ -41,7 +42,7 @@ class Flicker(Figures):
         ax.errorbar(
             range(len(self.means)), self.means, yerr=TWO_SIDED * self.error, fmt="o", ms=3
         )
-        ax.axhline(self.means.mean(), color="0.6", lw=1)
+        name_level(ax, "mean", y=self.means.mean())
         ax.set(xlabel="frame", ylabel="mean of the region above black [DN]")
 
 

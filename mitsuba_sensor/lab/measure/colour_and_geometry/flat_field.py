@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -40,25 +41,25 @@ class FlatField(Figures):
 
     illumination : corners over centre, for each channel [%].
     shading : ratio of each channel to the second, in the corners relative to the centre, minus 1 [%].
-    fields : coefficients of the fitted polynomial of each channel.
+    fields : coefficients of the fitted polynomial of each channel.  names : of the channels.
     """
 
     illumination: tuple[Quantity, ...]
     shading: tuple[Quantity, ...]
     fields: tuple[Float64Array, ...]
+    names: tuple[str, ...]
 
     def plot(self, ax: Axes) -> None:
         """Plot the light along the diagonal, relative to the centre."""
         place = np.linspace(0.0, 1.0, 101)
-        for number, coefficients in enumerate(self.fields):
+        for name, coefficients in zip(self.names, self.fields, strict=True):
             light = _powers(place, place) @ coefficients
-            label = f"channel {number}"
-            ax.plot(place, 100 * light / light[0], label=label)
+            ax.plot(place, 100 * light / light[0], label=name)
         ax.set(xlabel="image height, 1 in the corner", ylabel="relative illumination [%]")
         ax.set_ylim(0, None)
 
 
-def flat_field(planes: ArrayLike) -> FlatField:
+def flat_field(planes: ArrayLike, names: Sequence[str] = ()) -> FlatField:
     """Measure relative illumination and colour shading in an image of a uniformly lit surface.
 
     ::
@@ -69,6 +70,7 @@ def flat_field(planes: ArrayLike) -> FlatField:
 
     planes : mean of several frames, linear values without the black level, shape (H, W), or (H, W, C) for channels red,
         green, blue, ….
+    names : of the channels, for figures and plot, e.g. ``("R", "G", "B")``. Default: channel 0, channel 1, ….
     Raises InputError for images of fewer than 16 × 16 pixels, and for images that are dark in the centre or a corner.
     """
     wanted = f"values (rows, columns) or (rows, columns, channels) of {SIDE_MIN} × {SIDE_MIN} pixels or more"
@@ -77,15 +79,22 @@ def flat_field(planes: ArrayLike) -> FlatField:
         pixels = pixels[..., None]
     if pixels.ndim != 3 or min(pixels.shape[:2]) < SIDE_MIN or not pixels.shape[2]:
         raise InputError(f"planes has shape {pixels.shape}; pass {wanted}.")
+    count = pixels.shape[2]
+    names = tuple(names) or tuple(f"channel {number}" for number in range(count))
+    if len(names) != count:
+        raise InputError(
+            f"names has {', '.join(names)} for {count} channels; give one name each."
+        )
     fields = [_fit_field(plane) for plane in np.moveaxis(pixels, 2, 0)]
     if not min(field.values.min() for field in fields) > 0:
         raise InputError(
             "planes is dark in the centre or a corner; pass light above the black level."
         )
-    illumination = tuple(_relative(field, number) for number, field in enumerate(fields))
-    others = [number for number in range(len(fields)) if number != 1 and len(fields) > 1]
-    shading = tuple(_shading(fields[number], fields[1], number) for number in others)
-    return FlatField(illumination, shading, tuple(field.coefficients for field in fields))
+    illumination = tuple(_relative(field, n, names) for n, field in enumerate(fields))
+    others = [number for number in range(count) if number != 1 and count > 1]
+    shading = tuple(_shading(fields[n], fields[1], n, names) for n in others)
+    coefficients = tuple(field.coefficients for field in fields)
+    return FlatField(illumination, shading, coefficients, names)
 
 
 def _powers(x: Float64Array, y: Float64Array) -> Float64Array:
@@ -118,10 +127,10 @@ def _fit_field(plane: Float64Array) -> _Field:
     return _Field(ends @ coefficients, covariance, freedom, coefficients)
 
 
-def _relative(field: _Field, number: int) -> Quantity:
+def _relative(field: _Field, number: int, names: Sequence[str]) -> Quantity:
     """Return the mean of the corners over the centre."""
     ratio, error = _corners_over_centre(field)
-    name = f"relative illumination of the corners, channel {number}"
+    name = f"relative illumination of the corners, {names[number]}"
     interval = student_interval(100 * ratio, 100 * error, field.freedom)
     return Quantity(f"RI_{number}", name, *interval, "%", SECTION)
 
@@ -134,12 +143,12 @@ def _corners_over_centre(field: _Field) -> tuple[float, float]:
     return ratio, float(np.sqrt(slopes @ field.covariance @ slopes))
 
 
-def _shading(field: _Field, green: _Field, number: int) -> Quantity:
+def _shading(field: _Field, green: _Field, number: int, names: Sequence[str]) -> Quantity:
     """Return the ratio of a channel to green in the corners, relative to the centre, minus 1."""
     channel, channel_error = _corners_over_centre(field)
     reference, reference_error = _corners_over_centre(green)
     ratio = channel / reference
     error = ratio * float(np.hypot(channel_error / channel, reference_error / reference))
-    name = f"colour shading, channel {number} over channel 1"
+    name = f"colour shading, {names[number]} over {names[1]}"
     interval = student_interval(100 * (ratio - 1), 100 * error, field.freedom)
     return Quantity(f"CS_{number}", name, *interval, "%", SECTION)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....core import InputError, finite_numbers
+from ....core.plots import name_level
 from ....core.types import Float64Array
 from ...quantity import TWO_SIDED, Quantity, no_value
 from ...statistics.estimators import noncentrality_interval
@@ -85,7 +86,7 @@ class Modulation:
         """Plot the curve with its band."""
         ax.plot(self.frequency, self.value, label=label)
         ax.fill_between(self.frequency, self.low, self.high, alpha=0.25)
-        ax.axvline(NYQUIST, color="0.6", lw=1, ls=":")
+        name_level(ax, "Nyquist frequency", x=NYQUIST)
         ax.set(xlabel="spatial frequency [cycles per pixel]", ylabel="modulation")
         ax.set_ylim(0, None)
 

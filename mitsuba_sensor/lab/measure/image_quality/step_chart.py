@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ....core import InputError, finite_numbers, require
+from ....core.plots import name_level, set_log_axes
 from ....core.types import Float64Array
 from ...frames.stack import Stack, coarse_note
 from ...quantity import LEVEL, Figures, Quantity, no_value, normal_interval
-from ..photon_transfer import set_log_axes
 from .patches import Patches, Region, measure_patches, require_regions
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class StepChart(Figures):
         ax.plot(exposures, temporal, "s", label="temporal noise")
         set_log_axes(ax)
         for ratio in SPEED_RATIOS:
-            ax.axhline(ratio, color="0.6", lw=1, ls=":")
+            name_level(ax, f"SNR {ratio:g}", y=ratio)
         ax.set(xlabel="exposure at the focal plane [lx s]", ylabel="signal-to-noise ratio")
 
 
