@@ -81,12 +81,12 @@ def _same_chance_in_every_order(request: pytest.FixtureRequest) -> None:
 @pytest.fixture(autouse=True, scope="module")
 def _theory_of_few_pixels(request: pytest.FixtureRequest) -> Iterator[None]:
     """Where theory is only reported, it is averaged over 4 windows instead of 16, and noise ratios are interpolated
-    between exposure levels 26 % apart: less than half the time."""
+    between exposure levels 13 % apart: less than half the time."""
     with pytest.MonkeyPatch.context() as patch:
         if {*request.path.relative_to(Path(__file__).parent).parts} & REPORTED_IN:
             patch.setattr(expected, "WINDOWS", 4)
             patch.setattr(expected, "WINDOWS_MAX", 4)
-            patch.setattr(input_noise, "LEVELS", 65)
+            patch.setattr(input_noise, "LEVELS", 129)
         yield
 
 

@@ -59,9 +59,8 @@ JSON = {  # command → names that its JSON has
     "expose LIGHT -o OUT": {"summary", "notes", "camera", "stages", "versions"},
     "budget LIGHT": {"source", "mean_dn", "temporal_dn2", "spatial_dn2", "share"},
     "plan LIGHT --tolerance-dn 0.5": {"camera", "tolerance_dn", "stages", "clipped", "pixels"},
-    "plan SCENE --spp 16": {"camera", "tolerance_dn", "stages", "clipped", "pixels"},
     "cameras list imx": {"name", "technology", "columns", "rows", "description"},
-    "cameras show scmos_dual_gain": {"sensor", "sources", "notes", "emva1288", "hdr"},
+    "cameras show konnik_table1": {"sensor", "sources", "notes", "emva1288"},
     "cameras new OUT.toml": {"file", "name", "sources", "assumed", "notes"},
     "cameras import TUNING.json -o OUT.toml": {"file", "name", "sources", "assumed"},
     "cameras check konnik_table1": {"findings", "airy_disk", "pixel_mtf"},
@@ -69,7 +68,7 @@ JSON = {  # command → names that its JSON has
     "scenes list": {"name", "description"},
     "scenes show still_life": {"file", "sensors", "emitters", "parameters"},
     "fpn-maps -o OUT.npz --rows 4 --width 6": {"prnu", "dark_fpn"},
-    "lint night_crossing": {"level", "where", "what", "remedy"},
+    "lint SCENE": {"level", "where", "what", "remedy"},
 }
 
 

@@ -20,7 +20,7 @@ outputs = ["raw", "readouts", "companded", "dng", "clean", "noise_budget", "prev
 render = {{ spp = 16, width = 40 }}
 scenes = [{{ name = "cornell", file = "cornell_box" }}]
 cameras = [{{ camera = "{SPLIT}" }}]
-grid.exposure_s = [0.002, 0.05]
+grid.exposure_s = [0.05]
 """
 
 
@@ -100,7 +100,7 @@ def test_staggered_cameras_of_a_moving_scene_have_a_render_of_their_own(tmp_path
     )
     moves = '"cornell_box", motion = { camera = { velocity_m_per_s = [0.1, 0, 0] } }'
     moving = still.replace('"cornell_box"', moves)
-    for text, lights in ((still, 1), (moving, 4)):
+    for text, lights in ((still, 1), (moving, 2)):
         plan = load_plan(written(tmp_path, text))
         assert len({task.light_key for task in plan.tasks()}) == lights
 

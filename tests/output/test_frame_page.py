@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
@@ -37,7 +38,9 @@ def page_of(frames: ms.Frames, folder: Path) -> str:
     return (folder / "frame.html").read_text()
 
 
-@pytest.mark.parametrize("camera", ["konnik_table1", "bayer_2mp", "sony_imx490"])
+@pytest.mark.parametrize(
+    "camera", ["bayer_2mp", *map(exhaustive, ("konnik_table1", "sony_imx490"))]
+)
 def test_every_frame_of_the_slider_is_what_expose_delivers(camera: str, tmp_path: Path) -> None:
     taken = ms.expose(ms.Photons(LIGHT, detected=True), camera, ms.Exposure(0.01), seed=5)
     data = page_data(page_of(taken, tmp_path))
