@@ -24,6 +24,7 @@ from typer.testing import CliRunner
 
 from mitsuba_sensor.core.backend import NUMPY_FLOAT64
 from mitsuba_sensor.core.llvm import backend_problem, drjit
+from mitsuba_sensor.render.variants import fastest_variant
 from mitsuba_sensor.sensor.run import choose_backend
 from mitsuba_sensor.theory import expected, input_noise
 
@@ -87,6 +88,17 @@ def _theory_of_few_pixels(request: pytest.FixtureRequest) -> Iterator[None]:
             patch.setattr(expected, "WINDOWS", 4)
             patch.setattr(expected, "WINDOWS_MAX", 4)
             patch.setattr(input_noise, "LEVELS", 129)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _datasets_compile_no_kernels(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Samples are rendered in a scalar variant, but for those of tests/dataset/test_truth.py."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.parent.name == "dataset" and request.path.stem != "test_truth":
+            for name in ("light", "make"):
+                place = f"mitsuba_sensor.dataset.{name}.fastest_variant"
+                patch.setattr(place, lambda *backends: fastest_variant())
         yield
 
 
