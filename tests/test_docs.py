@@ -45,11 +45,8 @@ SMALL = {
 """What the commands of the pages get in addition here."""
 
 LONG_PAGES = {
-    "exports-and-training",
-    "exposure-and-colour",
-    "lab",
-    "optics-and-pixels",
-    "rendering",
+    *("exports-and-training", "exposure-and-colour", "hdr", "image-quality", "lab"),
+    *("light-and-time", "noise-budget", "optics-and-pixels", "rendering"),
 }
 """Their commands and calls are those of other pages, with other options; or have tests of their own."""
 
