@@ -10,8 +10,9 @@ gc.disable()  # while tests are collected, see pytest_collection_finish
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -22,9 +23,10 @@ from helpers import ROOT
 from typer.testing import CliRunner
 
 from mitsuba_sensor.core.backend import NUMPY_FLOAT64
-from mitsuba_sensor.core.llvm import backend_problem
+from mitsuba_sensor.core.llvm import backend_problem, drjit
+from mitsuba_sensor.render.variants import fastest_variant
 from mitsuba_sensor.sensor.run import choose_backend
-from mitsuba_sensor.theory import expected
+from mitsuba_sensor.theory import expected, input_noise
 
 SCENE = """
 <scene version="3.0.0">
@@ -79,11 +81,43 @@ def _same_chance_in_every_order(request: pytest.FixtureRequest) -> None:
 
 @pytest.fixture(autouse=True, scope="module")
 def _theory_of_few_pixels(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Where theory is only reported, it is averaged over 4 windows instead of 16: less than half the time."""
+    """Where theory is only reported, it is averaged over 4 windows instead of 16, and noise ratios are interpolated
+    between exposure levels 13 % apart: less than half the time."""
     with pytest.MonkeyPatch.context() as patch:
         if {*request.path.relative_to(Path(__file__).parent).parts} & REPORTED_IN:
             patch.setattr(expected, "WINDOWS", 4)
             patch.setattr(expected, "WINDOWS_MAX", 4)
+            patch.setattr(input_noise, "LEVELS", 129)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _datasets_compile_no_kernels(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Samples are rendered in a scalar variant, but for those of tests/dataset/test_truth.py."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.parent.name == "dataset" and request.path.stem != "test_truth":
+            for name in ("light", "make"):
+                place = f"mitsuba_sensor.dataset.{name}.fastest_variant"
+                patch.setattr(place, lambda *backends: fastest_variant())
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _integrators_are_compiled_once() -> Iterator[None]:
+    """Mitsuba compiles its integrators of Python again whenever a variant is set: 0.25 s."""
+    compile_syntax: Any = drjit().syntax
+    codes: dict[Any, Any] = {}
+
+    def syntax(function: Any = None, **options: Any) -> Any:
+        if function is None:
+            return partial(syntax, **options)
+        code = function.__code__
+        if code not in codes:
+            codes[code] = compile_syntax(function, **options).__code__
+        return FunctionType(codes[code], function.__globals__, argdefs=function.__defaults__)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(drjit(), "syntax", syntax)
         yield
 
 

@@ -7,8 +7,6 @@ import inspect
 import json
 import re
 import shlex
-import subprocess
-import sys
 import tomllib
 from collections.abc import Callable, Iterator
 from operator import attrgetter
@@ -32,6 +30,7 @@ from mitsuba_sensor.render.scene.plugin_parameters import (
     PASSED_ON_PARAMETERS,
     SENSOR_PARAMETERS,
 )
+from mitsuba_sensor.render.variants import choose_variant, use, variant_restored
 from mitsuba_sensor.stages.chain import ORDER
 
 DOCS = ROOT / "docs"
@@ -46,14 +45,13 @@ SMALL = {
 """What the commands of the pages get in addition here."""
 
 LONG_PAGES = {
-    "exports-and-training",
-    "exposure-and-colour",
-    "lab",
-    "rendering",
+    *("exports-and-training", "exposure-and-colour", "hdr", "image-quality", "lab"),
+    *("light-and-time", "noise-budget", "optics-and-pixels", "rendering"),
 }
 """Their commands and calls are those of other pages, with other options; or have tests of their own."""
 
 LONG = r"\bstudy\b|\bcharacterize\b|\bsheet\b|imx477|my\.toml|--noise-ratio|--render-noise|--motion|--dng|\bdataset\b"
+LONG += r"|_split_pixel --electrons"
 """What only the command line's parser sees here: it takes long, and has tests of its own."""
 
 
@@ -90,16 +88,15 @@ def run(command: str, cli: Callable[..., Any]) -> None:
 
 
 def run_python(text: str, names: dict[str, Any]) -> None:
-    """Here, but in a process of its own what chooses a variant of Mitsuba, which the other tests would have then.
+    """The user's variant of Mitsuba is current again afterwards.
 
     PyTorch is no dependency: what is for it is read alone, where it is not there.
     """
-    if "import torch" in text and importlib.util.find_spec("torch") is None:
-        compile(text, "page", "exec")
-    elif "set_variant" in text:
-        subprocess.run([sys.executable, "-c", text], check=True)
-    else:
-        exec(text, names)
+    code = compile(re.sub(r"\bwidth=\d+", "width=16", text), "page", "exec")
+    if "import torch" not in text or importlib.util.find_spec("torch") is not None:
+        use(choose_variant("scalar_spectral"))
+        with variant_restored():
+            exec(code, names)
 
 
 @pytest.mark.parametrize(
@@ -121,12 +118,17 @@ def test_the_code_of_a_page_runs_in_its_order(
             (checkout_folder / file.group(1)).write_text(
                 block.text.partition("\n")[2], encoding="utf-8"
             )
-        elif block.language == "python" and not (
-            "needs LLVM" in block.text and backend_problem("llvm")
-        ):
+        elif block.language == "python" and "needs LLVM" not in block.text:
             run_python(block.text, names)
     if name == "tutorial":  # its noise budget is of a frame that is not clipped
         assert (names["metered"].digital > 0.95 * (2**12 - 1)).mean() < 0.01
+
+
+@pytest.mark.exhaustive
+@pytest.mark.skipif(bool(backend_problem("llvm")), reason="needs LLVM")
+def test_blocks_that_need_llvm_run() -> None:
+    (text,) = (one.text for one in blocks(PAGES["python"]) if "needs LLVM" in one.text)
+    run_python(text, {})
 
 
 def test_all_code_has_a_language_that_the_tests_know() -> None:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 
@@ -36,7 +37,7 @@ def examples(docstring: str) -> Iterator[str]:
         yield textwrap.dedent(block)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [exhaustive(x) if x == "Plan" else x for x in NAMES])
 def test_a_public_name_has_an_example_that_runs(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 from helpers.scenes import SCENES
 from PIL import Image
 
@@ -64,7 +65,9 @@ def noisy(camera: ms.Camera, shape: tuple[int, int], **options: Any) -> ms.Frame
     return ms.expose(photons, camera, EXPOSURE, wavelengths_nm=[550.0], **options)
 
 
-@pytest.mark.parametrize("camera", [MONO, BAYER, RGBIR], ids=lambda camera: camera.name)
+@pytest.mark.parametrize(
+    "camera", [BAYER, *map(exhaustive, (MONO, RGBIR))], ids=lambda camera: camera.name
+)
 @pytest.mark.parametrize("shape", [(1, 1), (3, 3), (1, 1900), (240, 250), (700, 300)])
 def test_frames_of_any_shape_show_their_first_one(
     camera: ms.Camera, shape: tuple[int, int]

@@ -79,12 +79,12 @@ def budget(
         camera.at_readout(readout)  # rejects unknown names
     frames = ms.expose(source, camera, exposure, progress=False)
     frames = frames if readout is None else frames.readouts[readout]
-    show(_facts(frames), as_json, None if as_json else _text(frames))
+    show(_facts(frames) if as_json else _text(frames), as_json)
     show_remarks(as_json, remarks)
 
 
 def _show_sweep(curve: SnrCurve, as_json: bool, remarks: list[str]) -> None:
-    show(curve.rows, as_json, None if as_json else curve.explain())
+    show(curve.rows if as_json else curve.explain(), as_json)
     about = "temporal SNR: signal over temporal noise (EMVA 1288); total SNR: over all noise"
     show_remarks(as_json, [about, *remarks])
 

@@ -32,7 +32,7 @@ CMV4000 = {
 SHEETS: dict[str, dict[str, Any]] = {"sony_imx174": IMX174, "cmv4000": CMV4000}
 
 
-@pytest.mark.parametrize("name", one_in(9, ms.list_cameras()))
+@pytest.mark.parametrize("name", one_in(20, ms.list_cameras()))
 def test_a_new_file_is_the_camera_that_it_is_like(name: str, tmp_path: Path, cli: Cli) -> None:
     file, like = tmp_path / "my.toml", ms.load_camera(name)
     assert cli("cameras", "new", file, "--like", name).exit_code == 0

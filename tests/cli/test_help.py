@@ -182,7 +182,7 @@ QUICK = {
 }
 
 
-@pytest.mark.parametrize("name", QUICK)
+@pytest.mark.parametrize("name", one_in(3, QUICK))
 def test_version_and_completion_load_nothing_slow(name: str) -> None:
     """0.04 s and 0.2 s of a processor; NumPy alone takes 0.1 s. The clock is not asked."""
     arguments, instruction, slow = QUICK[name]

@@ -92,7 +92,7 @@ def test_a_sentence_is_one_printable_line_of_bounded_length() -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [("show",), ("show", "--json"), ("show", "--toml"), ("check",)]
+    "arguments", one_in(3, [("show",), ("show", "--json"), ("show", "--toml"), ("check",)])
 )
 def test_names_in_a_camera_file_do_not_reach_the_terminal_raw(
     arguments: tuple[str, ...], camera_text: str, tmp_path: Path
@@ -159,7 +159,7 @@ def test_a_file_whose_name_is_no_text_is_read_and_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "exit_code"),
     one_in(
-        3,
+        6,
         [
             (("--help",), 0),
             (("render", "--help-all"), 0),

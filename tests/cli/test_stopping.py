@@ -72,7 +72,7 @@ def test_a_stopped_render_leaves_nothing_behind(
         "render", scene_file, "-o", out / "new" / "out", *asked, temporary=out
     ) as child:
         wait_until((out / "new" / "out").exists)
-        time.sleep(1.5)
+        time.sleep(1.0)
         found, said = stop(child, number)
     assert (found, said) == (code, "stopped; nothing was written\n")
     assert list(out.iterdir()) == []

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.datasets import toml_text
+from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.dataset import make_dataset
@@ -156,7 +157,7 @@ def test_what_no_rig_and_no_time_can_be_is_refused(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("by", [["scene", "view"], ["scene", "parameters.baseline"]])
+@pytest.mark.parametrize("by", one_in(2, [["scene", "view"], ["scene", "parameters.baseline"]]))
 def test_splits_count_the_samples_of_rigs(tmp_path: Path, by: list[str]) -> None:
     tables = {
         "grid": {"parameters.baseline": [0.1, 0.2, 0.3], "exposure_s": [1e-4, 2e-4]},

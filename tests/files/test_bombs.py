@@ -154,7 +154,7 @@ def test_light_that_announces_more_pixels_than_the_file_can_have_is_refused(
 def zipped(path: Path, name: str, head: bytes, zeros: int = 0) -> None:
     """An archive of one array: its header, and zeros behind it."""
     with (
-        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
         archive.open(name, "w", force_zip64=True) as file,
     ):
         file.write(head)
@@ -295,9 +295,9 @@ def test_texts_that_expand_or_nest_without_end_are_refused(name: str, tmp_path: 
 def test_thousands_of_unknown_keys_are_one_sentence(
     read: Callable[[Path], object], tmp_path: Path
 ) -> None:
-    """50 kB took 11 s, which grew with the square of their number."""
+    """The time once grew with the square of their number."""
     table = "[camera]\n" if read is read_motion else ""
-    (tmp_path / "a.toml").write_text(table + "".join(f"kez{k} = 1\n" for k in range(4000)))
+    (tmp_path / "a.toml").write_text(table + "".join(f"kez{k} = 1\n" for k in range(1000)))
     with pytest.raises(ms.InputError) as caught:
         read(tmp_path / "a.toml")
     assert len(str(caught.value)) < 600

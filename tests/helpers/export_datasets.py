@@ -20,7 +20,7 @@ FLIGHT = """name = "flight"
 description = "Türme & 橋 | small"
 licence = "CC0-1.0"
 outputs = ["raw", "clean", "variance", "electrons", "preview", "aovs", "irradiance"]
-render = { spp = 4, denoise = false, spectral = "cube" }
+render = { spp = 4, denoise = false, spectral = "cube", bandwidth_nm = 50 }
 grid = { frames = [2], "parameters.height" = [0, 0.5] }
 cameras = [{ camera = "bayer_2mp", set = { "lens.distortion" = [-0.1, 0.02, 0.002, -0.001, 0] } }]
 [[scenes]]

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 from helpers.scenes import SKY, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
@@ -134,7 +135,7 @@ def test_a_rational_polynomial_is_fitted_as_well_as_the_note_says(tmp_path: Path
     assert np.abs(found - expected).max() < 1.2 * misfit + 1e-3
 
 
-@pytest.mark.parametrize("format", ["ROS", "nerfstudio"])
+@pytest.mark.parametrize("format", ["ROS", exhaustive("nerfstudio")])
 def test_a_fisheye_lens_becomes_a_table_of_image_heights(tmp_path: Path, format: str) -> None:
     """r = θ·(1 + k1·θ² + …), to 0.05 px of 640."""
     k = (-0.03, 0.004, -0.001, 0.0002)

@@ -57,7 +57,7 @@ def taken(tmp_path: Path, **fields: Any) -> tuple[ms.Capture, dict[int, tuple[fl
     camera = ms.load_camera("bayer_2mp").replace(
         **{f"lens.{name}": value for name, value in fields.items()}
     )
-    captured = ms.capture(CORNELL, camera, width=64, spp=8)
+    captured = ms.capture(CORNELL, camera, width=64, spp=2, denoise=False)
     captured.frames.save_dng(tmp_path / "frame.dng")
     return captured, opcodes(tmp_path / "frame.dng")
 

@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.output.frame_page import CROP_PX, STOPS, block_means
+from mitsuba_sensor.output.frame_page import STOPS, block_means
 
 SHAPE = 24, 30
 LIGHT = np.random.default_rng(1).uniform(10, 40_000, SHAPE)
@@ -37,7 +38,9 @@ def page_of(frames: ms.Frames, folder: Path) -> str:
     return (folder / "frame.html").read_text()
 
 
-@pytest.mark.parametrize("camera", ["konnik_table1", "bayer_2mp", "sony_imx490"])
+@pytest.mark.parametrize(
+    "camera", ["bayer_2mp", *map(exhaustive, ("konnik_table1", "sony_imx490"))]
+)
 def test_every_frame_of_the_slider_is_what_expose_delivers(camera: str, tmp_path: Path) -> None:
     taken = ms.expose(ms.Photons(LIGHT, detected=True), camera, ms.Exposure(0.01), seed=5)
     data = page_data(page_of(taken, tmp_path))
@@ -64,13 +67,18 @@ def test_a_render_is_exposed_again_as_its_irradiance_is(tmp_path: Path) -> None:
     np.testing.assert_array_equal(unpacked(brighter["codes"]), twice.digital.ravel())
 
 
-def test_a_large_frame_is_a_crop_with_an_overview_of_block_means(tmp_path: Path) -> None:
-    side = CROP_PX + 101
+def test_a_large_frame_is_a_crop_with_an_overview_of_block_means(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    crop_px = 64
+    for name in ("CROP_PX", "OVERVIEW_PX"):
+        monkeypatch.setattr(f"mitsuba_sensor.output.frame_page.{name}", crop_px)
+    side = crop_px + 50
     frames = ms.expose(np.full((side, side), 500.0), "bayer_2mp", ms.Exposure(0.0))
-    page, [top, left] = page_of(frames, tmp_path), (50, 50)
+    page, [top, left] = page_of(frames, tmp_path), (24, 24)
     data = page_data(page)
-    assert data["first"] == [top, left] and data["rows"] == data["columns"] == CROP_PX
-    crop = frames.digital[0][top : top + CROP_PX, left : left + CROP_PX]
+    assert data["first"] == [top, left] and data["rows"] == data["columns"] == crop_px
+    crop = frames.digital[0][top : top + crop_px, left : left + crop_px]
     np.testing.assert_array_equal(unpacked(data["frames"][0]["codes"]), crop.ravel())
     assert "mean of 2 × 2 pixels" in page
     assert len(data["frames"]) == 1  # no time is 2 times as long as none

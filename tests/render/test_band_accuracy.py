@@ -140,7 +140,7 @@ def test_electrons_are_the_integral_at_any_bandwidth(tmp_path: Path, width_nm: f
     np.testing.assert_allclose(found, expected_e(COLOURED, SPECTRA["sloped"]), rtol=1e-3)
 
 
-@pytest.mark.parametrize("width_nm", one_in(2, [5.0, 20.0]))
+@pytest.mark.parametrize("width_nm", one_in(2, [20.0, 5.0]))
 def test_a_colour_checker_has_the_colours_of_its_tables(width_nm: float) -> None:
     """24 patches before a colour camera, each channel's mean over the patches to 0.1 % (measured: 0.023 %); with QE at
     the centre of 50 nm bands R was 15 % too dark. Single patches are as noisy as their pixels."""
@@ -164,7 +164,7 @@ def test_a_colour_checker_has_the_colours_of_its_tables(width_nm: float) -> None
         assert abs(ratio.mean() - 1) < 1e-3 and np.abs(ratio - 1).max() < 1e-2, ratio
 
 
-@pytest.mark.parametrize("width_nm", [5.0, 50.0])
+@pytest.mark.parametrize("width_nm", one_in(2, [50.0, 5.0]))
 def test_electrons_of_a_laser_follow_its_own_wavelength(
     tmp_path: Path, width_nm: float
 ) -> None:
@@ -181,9 +181,8 @@ def test_electrons_of_a_laser_follow_its_own_wavelength(
 
 def test_electrons_of_a_lamp_of_lines_do_not_depend_on_the_bands(tmp_path: Path) -> None:
     path = flat_field(tmp_path, SPECTRA["mercury lamp"])
-    found = [electrons_of(rendered(path, BAYER, nm, 512)[0], BAYER) for nm in (5.0, 20.0, 50.0)]
-    for other in found[1:]:
-        np.testing.assert_allclose(other, found[0], rtol=1e-3)  # float32 wavelengths
+    found = [electrons_of(rendered(path, BAYER, nm, 512)[0], BAYER) for nm in (5.0, 50.0)]
+    np.testing.assert_allclose(*found, rtol=1e-3)  # float32 wavelengths
 
 
 def test_groups_of_a_cube_add_up(tmp_path: Path) -> None:
@@ -197,7 +196,7 @@ def test_another_camera_is_told_its_error(tmp_path: Path) -> None:
     """The error of wide bands is stated, of the right size, and narrower bands have less of it."""
     path, other = flat_field(tmp_path, SPECTRA["sloped"]), ms.load_camera("rgbir_2mp")
     stated = []
-    for width_nm in (5.0, 20.0, 50.0):
+    for width_nm in (5.0, 50.0):
         light, view = rendered(path, BAYER, width_nm, 1024)
         low, high = BAYER.band_nm
         truth = expected_e(other, SPECTRA["sloped"], low, high)
@@ -208,7 +207,7 @@ def test_another_camera_is_told_its_error(tmp_path: Path) -> None:
         assert error.error_estimate < error.largest_error
         assert band_error(light, BAYER).largest_error == 0
         assert not list(band_note(light, band_error(light, BAYER)))
-    assert stated[0] < stated[1] < stated[2]
+    assert stated[0] < stated[1]
     (note,) = band_note(light, error)
     assert "not rendered for this camera: in bands of 50 nm" in note and "bandwidth_nm=" in note
 

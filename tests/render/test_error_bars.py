@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import DATA
 from helpers.marks import exhaustive, one_in
-from helpers.scenes import SCENES, both_variants, skip_unless_usable, write_scene
+from helpers.scenes import SCENES, scalar_first, skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr
@@ -62,7 +62,7 @@ def test_standard_errors_cover_a_reference_of_a_hundred_times_the_samples() -> N
     assert all(light.statistics.reliable and light.statistics.passes == 8 for light in lights)
 
 
-@both_variants
+@scalar_first
 @pytest.mark.parametrize("spp", one_in(4, [64, 256]))
 def test_a_caustic_raises_the_flag_and_a_note_says_what_to_do(variant: str, spp: int) -> None:
     """A glass ball under a small lamp: one pixel in six owes most of its variance to one pass."""
@@ -71,7 +71,7 @@ def test_a_caustic_raises_the_flag_and_a_note_says_what_to_do(variant: str, spp:
     assert any("enlarge the light" in note for note in found.notes)
 
 
-@both_variants
+@scalar_first
 @pytest.mark.parametrize(
     "scene",
     one_in(3, ["cornell_box", "still_life", "color_checker", "step_wedge", "flat_field"]),

@@ -28,7 +28,7 @@ SENSOR = (
 
 def spot(folder: Path, distance: float) -> Path:
     """A small disk of light on the axis."""
-    size = 3 * distance * TANGENT_PER_PIXEL
+    size = 5 * distance * TANGENT_PER_PIXEL
     disk = (
         f'<shape type="disk"><transform name="to_world"><scale value="{size}"/><rotate y="1" angle="180"/>'
         f'<translate z="{distance}"/></transform><emitter type="area">'
@@ -42,7 +42,7 @@ def picture(
 ) -> ms.Irradiance:
     if camera is None:
         camera = ms.load_camera("konnik_table1").replace(**{"lens.half_pupil": half})
-    usual = {"spp": 1024, "wavelength_nm": 550.0, "seed": 4, "denoise": False}
+    usual = {"spp": 384, "wavelength_nm": 550.0, "seed": 4, "denoise": False}
     usual |= {"progress": False, "variant": skip_unless_usable("llvm_ad_spectral")}
     return ms.render(scene, camera, EXPOSURE, **{**usual, **options})
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.scenes import (
-    both_variants,
     scalar_first,
     scene_text,
     skip_unless_usable,
@@ -202,7 +201,7 @@ def test_a_rule_that_cannot_be_is_one_sentence(rule: object, sentence: str) -> N
     assert sentence in str(error.value)
 
 
-@both_variants
+@scalar_first
 def test_a_colour_keeps_its_name_for_traverse(variant: str) -> None:
     """Set to its own coefficients it stays what it is, and is held as before."""
     mi = use(choose_variant(skip_unless_usable(variant)))

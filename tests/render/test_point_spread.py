@@ -226,7 +226,7 @@ def displacements(
     return dx, dy, lengths, weights[0] / passed
 
 
-@pytest.mark.parametrize(("kind", "more"), [("perspective", ""), ("thinlens", THIN)])
+@pytest.mark.parametrize(("kind", "more"), [exhaustive("perspective", ""), ("thinlens", THIN)])
 def test_airy_disk_has_83_8_percent_at_each_wavelength(
     tmp_path: Path, kind: str, more: str
 ) -> None:
@@ -254,7 +254,7 @@ def image_over_focus(scene: Scene) -> float:
     return half_m / scene.view.half_width / scene.view.focus_m
 
 
-@pytest.mark.parametrize(("kind", "more"), [("perspective", ""), ("thinlens", THIN)])
+@pytest.mark.parametrize(("kind", "more"), [exhaustive("perspective", ""), ("thinlens", THIN)])
 def test_draws_are_independent_of_what_else_a_ray_has(
     tmp_path: Path, kind: str, more: str
 ) -> None:

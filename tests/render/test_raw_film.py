@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import pytest
-from helpers.scenes import BALL, SKY, both_variants, scalar_first, skip_unless_usable
+from helpers.scenes import BALL, SKY, scalar_first, skip_unless_usable
 from PIL import Image
 
 import mitsuba_sensor as ms
@@ -37,7 +37,7 @@ def ready(variant: str) -> Any:
     return use(choose_variant(skip_unless_usable(variant)))
 
 
-@both_variants
+@scalar_first
 def test_mitsuba_renders_the_raw_frame_of_capture(tmp_path: Path, variant: str) -> None:
     """mi.render, develop(), bitmap() and the file that write() makes have the digital numbers of ms.capture."""
     mi = ready(variant)

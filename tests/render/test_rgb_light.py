@@ -8,6 +8,7 @@ from typing import Any
 import colour
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 from scipy import constants
 
 import mitsuba_sensor as ms
@@ -60,7 +61,7 @@ def test_black_is_dark_and_a_capture_takes_the_light() -> None:
     np.testing.assert_array_equal(captured.frames.digital, exposed.digital)
 
 
-@pytest.mark.parametrize("name", ["bayer_2mp", "rgbir_2mp"])
+@pytest.mark.parametrize("name", ["bayer_2mp", exhaustive("rgbir_2mp")])
 def test_the_camera_that_a_picture_is_for_has_the_electrons_of_its_whole_spectrum(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 from helpers.scenes import SKY, scene_text
 
 import mitsuba_sensor as ms
@@ -49,7 +50,9 @@ def ball_column(captured: ms.Capture) -> float:
     return float(bright @ np.arange(COLUMNS) / bright.sum())
 
 
-@pytest.mark.parametrize(("x_m", "depth_m"), [(0.0, 3.0), (0.35, 2.0), (-0.2, 1.4)])
+@pytest.mark.parametrize(
+    ("x_m", "depth_m"), [exhaustive(0.0, 3.0), (0.35, 2.0), exhaustive(-0.2, 1.4)]
+)
 def test_a_point_has_the_disparity_of_its_depth(x_m: float, depth_m: float) -> None:
     """f·B/z; the centroid of 16 samples per pixel is within 0.02 px, and the sphere's outline within 0.01 px."""
     captured = ms.capture(

@@ -45,6 +45,7 @@ QUICK: dict[str, Any] = {
     "wavelength_nm": 550.0,
     "spp": 32,
     "denoise": False,
+    "variant": "scalar_spectral",
 }
 
 

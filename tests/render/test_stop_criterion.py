@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.marks import one_in
+from helpers.marks import exhaustive, one_in
 from helpers.scenes import SCENES
 
 import mitsuba_sensor as ms
@@ -69,7 +69,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     return shown
 
 
-@pytest.mark.parametrize("options", [{}, {"noise_ratio": 1e-6}, {"spp": 10**6}])
+@pytest.mark.parametrize("options", [{}, {"noise_ratio": 1e-6}, exhaustive({"spp": 10**6})])
 def test_a_render_ends_when_its_time_is_up(
     options: dict[str, Any], clock: SimpleNamespace
 ) -> None:

@@ -24,8 +24,9 @@ BAR_PX = 4.0
 START_PX = 20.0
 QUICK: dict[str, Any] = {
     "wavelength_nm": 550.0,
-    "spp": 256,
+    "spp": 64,
     "denoise": False,
+    "variant": "scalar_spectral",
     "progress": False,
 }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -45,40 +45,38 @@ def illuminant_of(scene: Scene, highest_nm: float = HIGHEST_NM) -> Illuminant | 
 
     Direct light without shadows. Surfaces that colour the light, e.g. a red wall, belong to the scene.
     """
-    mi = mitsuba()
+    mi, dr = mitsuba(), drjit()
+
+    def seen(numbers: Sequence[MitsubaObject]) -> MitsubaObject:
+        """Return the surface at a place of the image, through a place of the pupil."""
+        column, row, *pupil, _, _ = numbers
+        ray, _ = scene.sensor.sample_ray(0.0, 0.5, mi.Point2f(column, row), mi.Point2f(*pupil))
+        return scene.mitsuba_scene.ray_intersect(mi.Ray3f(ray))
+
+    def thrown(hit: MitsubaObject, numbers: Sequence[Any], nm: Sequence[Any]) -> MitsubaObject:
+        """Return the irradiance of a surface by one part of an emitter over its probability, at four wavelengths."""
+        hit.wavelengths = mi.UnpolarizedSpectrum(*nm)
+        sample, radiance = scene.mitsuba_scene.sample_emitter_direction(
+            hit, mi.Point2f(*numbers[-2:]), False
+        )
+        radiance = mi.unpolarized_spectrum(radiance)
+        return dr.select(hit.is_valid(), radiance * dr.abs(dr.dot(hit.n, sample.d)), 0.0)
+
     steps = math.ceil((max(highest_nm, HIGHEST_NM) - LOWEST_NM) / WHOLE_NM)
     wavelengths_nm = LOWEST_NM + np.arange(0, steps * WHOLE_NM, STEP_NM) + 0.5 * STEP_NM
     quarters = wavelengths_nm.reshape(-1, AT_ONCE)
     scalar = mi.variant().startswith("scalar")
     points = np.random.default_rng(SEED).random((SCALAR_POINTS if scalar else POINTS, NUMBERS))
     if scalar:
-        radiance = np.array(
-            [[_thrown(scene, p, nm) for p in points.tolist()] for nm in quarters.tolist()]
-        )
+        hits = [(seen(p), p) for p in points.tolist()]  # the same at all wavelengths
+        radiance = np.array([[thrown(*hit, nm) for hit in hits] for nm in quarters.tolist()])
     else:
         # Made from lists: each alignment of NumPy's arrays would compile another kernel.
-        dr = drjit()
         drawn = [dr.tile(mi.Float(numbers.tolist()), len(quarters)) for numbers in points.T]
         nm = [dr.repeat(mi.Float(nm.tolist()), len(points)) for nm in quarters.T]
-        thrown = np.array(_thrown(scene, drawn, nm))
-        radiance = np.moveaxis(thrown.reshape(AT_ONCE, len(quarters), len(points)), 0, -1)
+        found = np.array(thrown(seen(drawn), drawn, nm))
+        radiance = np.moveaxis(found.reshape(AT_ONCE, len(quarters), len(points)), 0, -1)
     bands = radiance.mean(axis=1).reshape(-1, AVERAGED).mean(axis=1)
     if not (np.isfinite(bands).all() and bands.sum() > 0):
         return None
     return Illuminant(wavelengths_nm.reshape(-1, AVERAGED).mean(axis=1), bands)
-
-
-def _thrown(
-    scene: Scene, numbers: Sequence[MitsubaObject], wavelengths_nm: Sequence[MitsubaObject]
-) -> MitsubaObject:
-    """Return the irradiance of a point by one part of an emitter over its probability, at four wavelengths."""
-    mi, dr = mitsuba(), drjit()
-    column, row, *pupil, first, second = numbers
-    ray, _ = scene.sensor.sample_ray(0.0, 0.5, mi.Point2f(column, row), mi.Point2f(*pupil))
-    hit = scene.mitsuba_scene.ray_intersect(mi.Ray3f(ray))
-    hit.wavelengths = mi.UnpolarizedSpectrum(*wavelengths_nm)
-    sample, radiance = scene.mitsuba_scene.sample_emitter_direction(
-        hit, mi.Point2f(first, second), False
-    )
-    radiance = mi.unpolarized_spectrum(radiance)
-    return dr.select(hit.is_valid(), radiance * dr.abs(dr.dot(hit.n, sample.d)), 0.0)
