@@ -32,6 +32,7 @@ def light(seed: int, shape: tuple[int, int] = (40, 60)) -> Any:
     return np.random.default_rng(seed).uniform(0, 50_000, shape)
 
 
+@pytest.mark.usefixtures("few_windows")
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(
     "name", ["table 1", pytest.param("rts, ar", marks=pytest.mark.exhaustive)]

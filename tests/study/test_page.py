@@ -95,10 +95,12 @@ def test_what_was_not_checked_has_no_verdict() -> None:
     assert replace(study_of("comparison", "t", ()), checked=False).headline == ""
 
 
-@pytest.mark.parametrize("span", [1.001, 1.1, 3.0, 4.0, 9.0, 40.0, 1e3, 1e9, 1e20])
-@pytest.mark.parametrize("low", [1.0, 0.13, 8.7e-5])
+@pytest.mark.parametrize(
+    ("low", "span"),
+    [(1.0, 1.001), (0.13, 1.1), (8.7e-5, 3.0), (0.13, 4.0), (1.0, 9.0), (0.13, 40.0), (8.7e-5, 1e9), (0.13, 1e20)],
+)  # fmt: skip
 def test_an_axis_has_three_to_nine_labels_that_differ_and_holds_its_points(
-    span: float, low: float, monkeypatch: pytest.MonkeyPatch
+    low: float, span: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[Any] = []
     monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: seen.append(self))
@@ -107,7 +109,7 @@ def test_an_axis_has_three_to_nine_labels_that_differ_and_holds_its_points(
     values = [(x, x, x) for x in points]
     png(Dots("dots", "x [1]", ("a", "b"), {"one": values}, (low, "level"), log_x=True))
     for figure in seen:
-        figure.canvas.draw()
+        figure.draw_without_rendering()
     (plot,), (dots,) = (figure.axes for figure in seen)
     for axis in (plot.xaxis, plot.yaxis, dots.xaxis):
         start, end = axis.get_view_interval()
