@@ -257,9 +257,6 @@ NO_SLOPE = (
 WIDE_LIGHT = np.full((48, 64), 8000.0)
 
 
-
-
-
 @pytest.mark.parametrize("name", one_in(9, FIELDS))
 def test_every_field_moves_every_pixel_as_its_derivative_says_or_is_refused(name: str) -> None:
     if name in NO_SLOPE:

@@ -13,6 +13,7 @@ import mitsuba_sensor as ms
 from mitsuba_sensor.cli import app
 
 LEVELS = np.geomspace(5, 8000, 10)
+few = pytest.mark.usefixtures("few_windows")
 
 
 def test_snr_is_n_over_the_root_of_n_and_the_variances_of_read_noise_and_rounding() -> None:
@@ -34,12 +35,14 @@ def test_spatial_noise_is_the_prnu_of_the_signal_where_there_is_much() -> None:
 
 
 @pytest.mark.parametrize("camera", ["konnik_table1", "scmos_dual_gain", "proem_hs_1024b"])
+@few
 def test_every_camera_has_a_curve_that_rises_below_saturation(camera: str) -> None:
     levels = np.geomspace(1, 0.9 * ms.load_camera(camera).saturation_e, 5)
     curve = ms.snr_curve(camera, electrons=levels)
     assert np.isfinite(curve.snr).all() and (np.diff(curve.signal_dn) > 0).all()
 
 
+@few
 def test_the_command_budget_sweeps_the_levels_of_light() -> None:
     shown = CliRunner().invoke(app, ["budget", "--sweep", "--camera", "sony_imx174", "--json"])
     assert shown.exit_code == 0
@@ -49,6 +52,7 @@ def test_the_command_budget_sweeps_the_levels_of_light() -> None:
     assert refused.exit_code == 2 and "--electrons" in refused.stderr
 
 
+@few
 def test_plots_draw_the_numbers() -> None:
     matplotlib.use("Agg")
     camera = ms.load_camera("konnik_table1")
