@@ -188,7 +188,7 @@ def test_patches_that_are_none_are_refused(regions: Any) -> None:
         (chart_cases.flat_case, 6, 0.6),
         (chart_cases.divergence_case, 60, 0.84),
         (chart_cases.star_case, 6, 0.75),
-        (image_quality_coverage.step_case, 40, 0.87),
+        exhaustive(image_quality_coverage.step_case, 40, 0.87),
         exhaustive(image_quality_coverage.edge_case, 50, 0.89),
     ],
 )

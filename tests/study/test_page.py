@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import math
@@ -120,8 +121,12 @@ def test_an_axis_has_three_to_nine_labels_that_differ_and_holds_its_points(
     assert plot.get_xlabel() == "x" and plot.get_legend().get_texts()[0].get_text() == "one"
 
 
-def test_a_page_asks_the_network_for_nothing_and_is_well_formed() -> None:
-    page = html(study(TABLE, *PICTURES))
+@pytest.fixture(scope="module")
+def page() -> str:
+    return html(study(TABLE, *PICTURES))
+
+
+def test_a_page_asks_the_network_for_nothing_and_is_well_formed(page: str) -> None:
     targets = re.findall(r"(?:src|href)=\"([^\"]{0,24})", page)
     assert all(one.startswith(("data:image/svg+xml;", "#part-")) for one in targets)
     assert "<script" not in page and "@import" not in page and "url(" not in page
@@ -155,10 +160,10 @@ def test_a_table_has_a_column_for_each_heading_and_marks_only_where_there_are_an
 
 
 @pytest.mark.parametrize("picture", PICTURES, ids=lambda one: one.title)
-def test_every_picture_is_drawn_and_is_the_same_again(picture: Any) -> None:
+def test_every_picture_is_drawn_and_is_the_same_again(picture: Any, page: str) -> None:
     drawn = svg(picture)
     ElementTree.fromstring(drawn)
-    assert drawn == svg(picture)
+    assert base64.b64encode(drawn).decode() in page
     with Image.open(io.BytesIO(png(picture))) as image:
         assert image.width > 400 and len(image.convert("RGB").getcolors(1 << 20) or ()) > 4
 
