@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import EACH_KIND
+from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.theory.plan_trial import Effect
@@ -47,7 +48,8 @@ def test_without_tolerance_the_planned_frame_is_the_whole_frame_bit_for_bit(
 
 
 @pytest.mark.parametrize(
-    ("name", "tolerance"), [("konnik_table1", 0.02), ("bayer_2mp", 0.5), ("eev_44_82", 50.0)]
+    ("name", "tolerance"),
+    [("konnik_table1", 0.02), exhaustive("bayer_2mp", 0.5), ("eev_44_82", 50.0)],
 )
 def test_all_that_is_left_out_together_moves_no_pixel_by_more_than_the_tolerance(
     name: str, tolerance: float
@@ -116,6 +118,7 @@ def test_the_effect_of_a_stage_is_its_own_size_in_digital_numbers() -> None:
     assert effects["shot noise"].temporal_dn == pytest.approx(sigma_dn, rel=0.01)
 
 
+@few
 def test_lines_are_judged_by_their_length_and_rare_pixels_by_their_number() -> None:
     """Row noise of 0.06 DN in rows of 400 pixels, like 1.2 DN in a pixel; telegraph pixels, one in 400."""
     camera = CAMERA.replace(
