@@ -184,6 +184,7 @@ WRONG = {
 }
 
 
+@pytest.mark.usefixtures("few_windows")
 @pytest.mark.parametrize("call", WRONG)
 def test_a_contradiction_is_one_sentence(call: str) -> None:
     with pytest.raises(ms.InputError) as error:

@@ -146,6 +146,8 @@ def worked(tmp_path_factory: pytest.TempPathFactory) -> Study:
         small.setattr(of_work, "ENGINES", (("numpy", "float32"), ("drjit", "float32")))
         small.setattr(of_work, "TOLERANCES_DN", (None, 1.0))
         small.setattr(of_work, "SENSORS", 4)
+        small.setattr(expected, "WINDOWS_MAX", 4)
+        small.setattr(expected, "WINDOWS", 4)
         subject = subject_of(tmp_path_factory.mktemp("scene"), variant=None)
         asked = {"seeds": 2, "variants": ["scalar_spectral"], "tolerance": 0.05}
         return work_precision(subject, silent, **asked)  # type: ignore[arg-type]

@@ -108,6 +108,7 @@ def test_light_and_dark_electrons_are_multiplied_together() -> None:
     np.testing.assert_allclose(found.total, behind(light + dark, EmGain(GAIN, ELEMENTS)))
 
 
+@pytest.mark.usefixtures("few_windows")
 def test_read_noise_is_divided_by_the_gain_and_k_multiplied() -> None:
     plain, em = (emva_figures(camera, ms.Exposure(0.0, 170.0)) for camera in (BASE, EMCCD))
     assert em.temporal_dark_noise_e == pytest.approx(

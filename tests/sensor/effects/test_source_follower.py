@@ -37,7 +37,6 @@ def test_so_many_pixels_are_noisy_by_the_factor_and_the_rms_of_all_stays() -> No
     assert np.square(sigma).mean() == pytest.approx(25.0, rel=0.01)
 
 
-@pytest.mark.usefixtures("few_windows")
 def test_every_pixel_has_the_noise_of_its_map_and_a_measured_map_stands_in_for_it() -> None:
     """400 frames: the σ of 40 pixels of each value within 5 standard errors of σ (1/√(2·400·40): 2.8 %)."""
     camera = BASE.replace(
