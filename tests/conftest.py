@@ -121,6 +121,13 @@ def _integrators_are_compiled_once() -> Iterator[None]:
         yield
 
 
+@pytest.fixture
+def few_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same four windows in a test whose claim does not depend on their number."""
+    monkeypatch.setattr(expected, "WINDOWS", 4)
+    monkeypatch.setattr(expected, "WINDOWS_MAX", 4)
+
+
 @pytest.fixture(autouse=True, scope="session")
 def _slow_tests_say_no_progress() -> Iterator[None]:
     """What is written to stderr must not depend on how fast this machine is."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import re
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
+from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic import BaseModel
@@ -77,19 +78,19 @@ class Table(NamedTuple):
         return f"[[{self.path}]]" if self.of_list else f"[{self.path}]"
 
 
-def tables(model: type[BaseModel], path: str = "", of_list: bool = False) -> Iterator[Table]:
-    """Yield the tables of a file, each before its inner tables."""
+@cache
+def tables(model: type[BaseModel], path: str = "", of_list: bool = False) -> tuple[Table, ...]:
+    """Return the tables of a file, each before its inner tables."""
     schemas = model.model_json_schema()["properties"]
-    entries, inside = list[Entry](), list[Iterator[Table]]()
+    entries, inside = list[Entry](), list[Table]()
     for name, info in model.model_fields.items():
         table, container = inner_table(info.annotation)
         if table:
-            inside.append(tables(table, f"{path}.{name}".lstrip("."), container is tuple))
+            inside += tables(table, f"{path}.{name}".lstrip("."), container is tuple)
         if not table or container or info.default is None:  # otherwise it is only a table
             entries.append(entry(name, info, schemas[name]))
-    yield Table(path, of_list, (model.__doc__ or "").partition("\n")[0], tuple(entries), model)
-    for inner_tables in inside:
-        yield from inner_tables
+    meaning = (model.__doc__ or "").partition("\n")[0]
+    return Table(path, of_list, meaning, tuple(entries), model), *inside
 
 
 def entry(name: str, info: FieldInfo, schema: dict[str, Any]) -> Entry:
@@ -203,7 +204,7 @@ def camera_file(camera: Camera) -> str:
             f"a camera file cannot hold the added stage {stages}; save the camera without it, and call with_stage "
             "after load_camera."
         )
-    data, all_tables = camera.model_dump(), list(tables(type(camera)))
+    data, all_tables = camera.model_dump(), tables(type(camera))
     headers, parts, unsourced = {x.path for x in all_tables}, [HEAD.rstrip()], list[str]()
     for table in all_tables:
         for number, values in enumerate(_filled(table.path, data)):

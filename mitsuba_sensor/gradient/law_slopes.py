@@ -117,7 +117,7 @@ def slopes_by_names(
     """
 
     def values(camera: Camera, exposure: Exposure) -> Float64Array:
-        window = replace(frame.window, _maps={}, _tiles={})
+        window = replace(frame.window, _maps={})
         changed = replace(frame, exposure=exposure, window=window, _blocks={})
         return law(camera.stages, light_of(camera, exposure), changed)
 

@@ -176,14 +176,16 @@ class Trial:
         size = shape or self.shape
         return SensorWindow(serial, size, origin, backend=backend, camera=self.camera.name)
 
-    def sample(
-        self, window: SensorWindow, light: float, index: int, pattern: bool = False
-    ) -> Float64Array:
+    def frame(self, window: SensorWindow, index: int) -> Frame:
+        """Return a frame of one sensor unit."""
+        return Frame(self.exposure, window, window.serial, index)
+
+    def sample(self, frame: Frame, light: float, pattern: bool = False) -> Float64Array:
         """Return the signal after the stage in one frame, shape (H, W). Raises InputError unless it is finite.
 
         pattern : True for an input that differs from pixel to pixel.
         """
-        frame, backend = Frame(self.exposure, window, window.serial, index), window.backend
+        window, backend = frame.window, frame.window.backend
         uneven = np.sin(1.7 * window.rows[:, None] + 2.3 * window.columns) if pattern else 0.0
         parts = (
             backend.from_numpy(np.full(window.shape, x) * (1 + 0.1 * uneven), window)
@@ -194,8 +196,8 @@ class Trial:
         found = np.array(np.broadcast_to(output, window.shape), np.float64)
         if not np.isfinite(found).all():
             raise InputError(
-                f"{type(self.stage).__name__} returns NaN or infinity in frame {index} at {window.origin}; let its "
-                "sample return numbers."
+                f"{type(self.stage).__name__} returns NaN or infinity in frame {frame.index} at {window.origin}; let "
+                "its sample return numbers."
             )
         return found
 
@@ -212,9 +214,8 @@ class Trial:
             backend: Backend = NUMPY_FLOAT32, top: int = 0, left: int = 0, index: int = 5
         ) -> Float64Array:
             place, shape = (row + top, column + left), (rows - top, columns - left)
-            return self.sample(
-                self.window(backend, 1, place, shape), light, index, pattern=True
-            )
+            window = self.window(backend, 1, place, shape)
+            return self.sample(self.frame(window, index), light, pattern=True)
 
         whole = made()
         made(index=6)
@@ -252,15 +253,13 @@ class Trial:
         found = np.empty((PAIRS, len(lights), 3))
         for pair in range(PAIRS):
             row, column = random.integers(free + 1).tolist()
-            frames = random.integers(FRAMES, size=2).tolist()
+            indices = random.integers(FRAMES, size=2).tolist()
             chips = [
                 self.window(NUMPY_FLOAT64, 2 * pair + chip, (row, column)) for chip in (0, 1)
             ]
+            frames = [self.frame(chip, index) for chip in chips for index in indices]
             for number, light in enumerate(lights):
-                (a, b), (c, d) = (
-                    [self.sample(chip, light, index)[inside] for index in frames]
-                    for chip in chips
-                )
+                a, b, c, d = (self.sample(frame, light)[inside] for frame in frames)
                 found[pair, number] = (
                     np.mean(a + b + c + d) / 4,
                     np.mean((a - b) ** 2 + (c - d) ** 2) / 4,

@@ -63,7 +63,7 @@ def assert_single_and_close(
     np.testing.assert_allclose(found.astype(np.float64), exact, rtol=relative, atol=absolute)
 
 
-W = integers(200_000)
+W = integers(100_000)
 """Random integers, edges first."""
 
 
@@ -120,7 +120,7 @@ def test_lognormal_has_unit_mean_and_its_cv_and_is_positive(cv: float) -> None:
 @pytest.mark.parametrize("mean", FLOAT64_MEANS)
 def test_poisson_equals_scipys_quantile_integer_for_integer(mean: float) -> None:
     """Including both ends and the middle. Without light the count is exactly 0; with 0.49 electrons it is not."""
-    w = integers(30_000 if mean < 1e4 else 3_000)
+    w = integers(10_000 if mean < 1e4 else 3_000)
     np.testing.assert_array_equal(
         distributions.poisson(w, mean), stats.poisson.isf(distributions.survival(w), mean)
     )
@@ -277,11 +277,11 @@ def test_poisson_equals_the_exact_draw_except_for_one_count_of_few_integers(
 
 
 @pytest.mark.parametrize("mean", one_in(3, [0.01, 1.0, 9.9, 10.0, 12.0, 17.0, 30.0, 1e3, 1e5]))
-def test_poisson_of_a_million_even_integers_has_the_exact_distribution(
+def test_poisson_of_even_integers_has_the_exact_distribution(
     mean: float,
 ) -> None:
     """Total variation 2e-5 plus the error of the coarse grid in each of the ±6σ cells; also mean and variance."""
-    w, mean = even_integers(20), float(np.float32(mean))
+    w, mean = even_integers(18), float(np.float32(mean))
     n = poisson(w, mean).astype(np.int64)
     share = np.bincount(n) / n.size
     k = np.arange(share.size)
@@ -325,13 +325,13 @@ THINNED += ((7, 0.0, 3.0), (0, 5.0, 5.0), (400, 1.0, 1.0), (10**6, 1e6, 300.0))
 
 
 @pytest.mark.parametrize(("number", "light", "dark"), one_in(6, THINNED, several=True))
-def test_binomial_of_a_million_even_integers_has_the_exact_distribution(
+def test_binomial_of_even_integers_has_the_exact_distribution(
     number: int, light: float, dark: float
 ) -> None:
-    """Total variation: that of the grid of 2^20 integers in float64, at most 6e-4 in float32."""
-    w, reach, chance = even_integers(20), np.arange(number + 1), dark / (light + dark)
+    """Total variation: that of the grid of 2^18 integers in float64, at most 6e-4 in float32."""
+    w, reach, chance = even_integers(18), np.arange(number + 1), dark / (light + dark)
     exact = stats.binom.pmf(reach, number, chance)
-    grid = np.count_nonzero(exact > 2**-21) * 2**-20
+    grid = np.count_nonzero(exact > 2**-19) * 2**-18
     drawn = (
         distributions.binomial(w, float(number), dark, light),
         thinned(w, number, dark, light),

@@ -38,14 +38,17 @@ def mean_and_variance(camera: ms.Camera, electrons: float) -> tuple[float, float
     """E[code] and Var[code] at so many mean photoelectrons."""
     gain = gain_dn_per_e(camera)
     sigma = SourceFollowerNoise.from_camera(camera).sigma_v / sense_gain_v_per_e(camera) * gain
-    counts = np.arange(0, electrons + 12 * np.sqrt(electrons) + 30)
+    reach = 12 * np.sqrt(electrons) + 30
+    counts = np.arange(max(int(electrons - reach), 0), electrons + reach)
     ideal = camera.black_level_dn + gain * np.minimum(counts, camera.pixel.full_well_e)
-    codes = np.arange(1, 2**camera.adc.bits)
+    ends = np.array([ideal[0] - 9 * sigma, ideal[-1] + 9 * sigma + 2])
+    first, last = np.clip(ends.astype(int), 1, 2**camera.adc.bits)
+    codes = np.arange(first, last)
     above = stats.poisson.pmf(counts, electrons) @ special.ndtr(
         (ideal[:, None] - codes + 0.5) / sigma
     )
-    mean = float(above.sum())
-    return mean, float(above @ (2.0 * codes - 1)) - mean**2
+    mean = float(above.sum()) + first - 1  # every count reaches the codes below the first
+    return mean, float(above @ (2.0 * codes - 1)) + (first - 1) ** 2 - mean**2
 
 
 def slopes(camera: ms.Camera, electrons: float, name: str) -> tuple[float, float]:

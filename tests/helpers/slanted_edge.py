@@ -32,7 +32,7 @@ def edge_picture(
     distance = x * math.cos(angle) + y * math.sin(angle)
     step = 1e-3
     frequency = (np.arange(8_000) + 0.5) * step
-    grid = np.linspace(distance.min() - 0.1, distance.max() + 0.1, 4001)
+    grid = np.linspace(0, np.abs(distance).max() + 0.1, 2001)
     waves = mtf(frequency) / (math.pi * frequency) * step
     spread = np.array([np.dot(waves, np.sin(2 * math.pi * frequency * at)) for at in grid])
-    return np.asarray(0.5 + np.interp(distance, grid, spread))
+    return np.asarray(0.5 + np.sign(distance) * np.interp(np.abs(distance), grid, spread))

@@ -77,6 +77,7 @@ def test_every_format_gives_back_each_value_that_another_program_wrote(
     assert found.dtype == np.uint16 and len(found) == 1
 
 
+@pytest.mark.usefixtures("few_windows")
 def test_frames_of_this_package_are_a_bench_without_a_line_of_manifest(tmp_path: Path) -> None:
     """Photons of a flat field come from frame.json if they are alike in all pixels, and are photons."""
     camera = ms.load_camera("bayer_2mp")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
@@ -19,7 +20,7 @@ from mitsuba_sensor.bench.figures_page import (
 from mitsuba_sensor.bench.virtual_bench import FLAT_S, Setup, rendered_field, virtual_bench
 from mitsuba_sensor.cli import app
 from mitsuba_sensor.lab.frames.bench import Bench
-from mitsuba_sensor.lab.measure.measurement import INSTRUMENTS, measure_bench
+from mitsuba_sensor.lab.measure.measurement import INSTRUMENTS, Measurement, measure_bench
 from mitsuba_sensor.lab.quantity import TWO_SIDED
 from mitsuba_sensor.pages.drawing import png
 from mitsuba_sensor.pages.page import Drawing, Table
@@ -40,6 +41,12 @@ def small() -> Bench:
     """Table 1's camera with noise of every kind, 128 × 160 pixels of it."""
     small = CAMERA.replace(**{"sensor.rows": 128, "sensor.columns": 160})
     return virtual_bench(small, Setup(serial=3, seed=5))
+
+
+@pytest.fixture(scope="module")
+def measurement(small: Bench) -> Measurement:
+    (measured,) = measure_bench(small)
+    return measured
 
 
 def test_every_figure_of_the_datasheet_is_measured_within_4_standard_errors(
@@ -74,11 +81,12 @@ def test_every_figure_of_the_datasheet_is_measured_within_4_standard_errors(
     ] == pytest.approx(3, rel=0.1)
 
 
-def test_a_datasheet_that_is_5_percent_off_is_found_out(small: Bench) -> None:
-    (found,) = measure_bench(small)
+def test_a_datasheet_that_is_5_percent_off_is_found_out(measurement: Measurement) -> None:
     wrong, right = 1.05 * 0.1241212, 0.6
     study = characterized(
-        "x", [found], {"": {"K": Said(wrong, wrong, wrong), "η": Said(right, right, right)}}
+        "x",
+        [measurement],
+        {"": {"K": Said(wrong, wrong, wrong), "η": Said(right, right, right)}},
     )
     assert not study.passed
     assert [one for one in study.findings if one.startswith("K: measured 0.12")]
@@ -90,17 +98,18 @@ def test_a_datasheet_that_is_5_percent_off_is_found_out(small: Bench) -> None:
     ] == ["K"]
 
 
-def test_every_drawing_has_axes_with_names_and_at_most_eight_series(small: Bench) -> None:
-    from matplotlib.figure import Figure
-
-    (found,) = measure_bench(small)
-    assert len(found.drawings) >= 20
-    for title, draw in found.drawings.items():
+def test_every_drawing_has_axes_with_names_and_at_most_eight_series(
+    measurement: Measurement,
+) -> None:
+    assert len(measurement.drawings) >= 20
+    for title, draw in measurement.drawings.items():
         axes = Figure().subplots()
         draw(axes)
         assert axes.get_xlabel() and axes.get_ylabel() and not axes.texts, title
         assert len(axes.get_legend_handles_labels()[1]) <= 8, title
-    assert png(Drawing("Dark current", found.drawings["Dark current"])).startswith(b"\x89PNG")
+    assert png(Drawing("Dark current", measurement.drawings["Dark current"])).startswith(
+        b"\x89PNG"
+    )
 
 
 @pytest.mark.parametrize(
@@ -151,13 +160,12 @@ def test_a_limit_is_shown_as_one_and_not_judged(
     assert mark == "" and cells[2] == shown
 
 
-def test_ratios_stand_in_the_page_as_ratios_and_in_db(small: Bench) -> None:
+def test_ratios_stand_in_the_page_as_ratios_and_in_db(measurement: Measurement) -> None:
     """EMVA 1288 prints both; a datasheet outside of the interval may be within the range of single chips."""
-    (found,) = measure_bench(small)
-    figure = found.figures["DR"]
+    figure = measurement.figures["DR"]
     error = (figure.high - figure.value) / 1.96
     said = Said(figure.value + 3 * error, figure.value - error, figure.value + 3 * error)
-    study = characterized("x", [found], {"": {"DR": said}})
+    study = characterized("x", [measurement], {"": {"DR": said}})
     main = next(part for part in study.parts if isinstance(part, Table))
     rows = {(str(row[0]).split()[0], row[4]): row for row in main.rows}
     ratio, decibels = (float(rows["DR", unit][1]) for unit in ("", "dB"))

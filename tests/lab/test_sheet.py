@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.bench.sheet import light, modulation, patches
-from mitsuba_sensor.bench.sheet.chart import Setting
+from mitsuba_sensor.bench.sheet.chart import Chart, Setting
 from mitsuba_sensor.bench.sheet.charts import CHARTS, chosen_charts
 from mitsuba_sensor.bench.sheet.comparison import Sheet, compared
 from mitsuba_sensor.bench.sheet.light import ChartScene, fingerprint, light_of
@@ -53,20 +53,18 @@ CROSSTALK = [[0, 0.03, 0], [0.03, 0.88, 0.03], [0, 0.03, 0]]
 GLARE = {"lens.veiling_glare": 0.1, "lens.glare_width_mm": 0.05}
 HEIGHTS_MM = np.linspace(0, 0.36, 37)
 
+QUICK = "edge_columns", "star", "steps", "grey", "led"
 SHIPPED_SAMPLES = modulation.EDGE_SPP
 
 
-@pytest.fixture(autouse=True)
-def own_cache(
-    monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[None]:
+@pytest.fixture(autouse=True, scope="module")
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """One folder of kept light for all tests, few samples, and one variant: the numbers of a seed are those of it."""
-    folder = tmp_path_factory.getbasetemp() / "kept"
-    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
-    monkeypatch.setattr(modulation, "EDGE_SPP", 64)
-    monkeypatch.setattr(patches, "PATCH_SPP", 16)
-    monkeypatch.setattr(modulation, "BITMAP_SPP", 16)
-    with variant_restored():
+    with pytest.MonkeyPatch.context() as patch, variant_restored():
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.getbasetemp() / "kept"))
+        patch.setattr(modulation, "EDGE_SPP", 64)
+        patch.setattr(patches, "PATCH_SPP", 16)
+        patch.setattr(modulation, "BITMAP_SPP", 16)
         use(fastest_variant("llvm"))
         yield
 
@@ -94,55 +92,57 @@ def tiny_file(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(file)
 
 
-def test_every_chart_of_a_small_camera_agrees_with_theory() -> None:
-    """More than 30 figures; one beyond its limit once in 100 sheets, the seed is fixed."""
-    parts = simulated_sheet(SMALL, [setting(SMALL)], CHARTS, lambda *_: None)
-    assert [part.name for part in parts] == [one.name for one in CHARTS if one.filters == 1]
-    study = sheet_study(SMALL.name, parts)
-    assert study.passed and not study.missing, study.findings
-    assert sum(bool(row["mark"]) for row in study.data["rows"]) > 30
-
-
-def test_the_command_writes_page_json_and_csv_and_renders_once(
-    tmp_path: Path, tiny_file: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    charts = "--charts", "steps"
-    result = run(tiny_file, "-o", str(tmp_path / "first"), *charts)
+@pytest.fixture(scope="module")
+def sheet(tiny_file: str) -> Path:
+    """The folder of a sheet of two charts."""
+    folder = Path(tiny_file).with_name("sheet")
+    result = run(tiny_file, "-o", str(folder), "--charts", "steps,led")
     assert result.exit_code == 0, result.output
-    sheet = json.loads((tmp_path / "first" / "sheet.json").read_text(encoding="utf-8"))
-    assert sheet["passed"] and sheet["camera"] == TINY.name
-    with (tmp_path / "first" / "sheet.csv").open(encoding="utf-8") as file:
-        table = list(csv.DictReader(file))
-    assert [row["symbol"] for row in table] == [row["symbol"] for row in sheet["rows"]]
-    assert float(table[0]["value"]) == sheet["rows"][0]["value"]
-    page = (tmp_path / "first" / "sheet.html").read_text(encoding="utf-8")
-    assert "Response (OECF)" in page and "render noise of the light" in page
-    monkeypatch.setattr(light, "render", None)
-    again = run(tiny_file, "-o", str(tmp_path / "second"), *charts, "--json")
-    assert again.exit_code == 0, again.output
-    values = [row["value"] for row in json.loads(again.stdout)["rows"]]
-    assert values == [row["value"] for row in sheet["rows"]]
+    return folder
 
 
 @pytest.mark.parametrize(
-    ("field", "value", "matters"),
-    [
-        ("lens.f_number", 5.6, True),
-        ("lens.diffraction", True, True),
-        ("pixel.pitch_x_um", 3.0, True),
-        ("adc.bits", 10, False),
-        ("source_follower.read_noise_e", 9.0, False),
-    ],
+    ("charts", "least"), [(chosen_charts(QUICK), 10), exhaustive(CHARTS, 30)]
 )
-def test_light_depends_on_the_optics_and_the_chart_only(
-    field: str, value: object, matters: bool
+def test_every_chart_of_a_small_camera_agrees_with_theory(
+    charts: Sequence[Chart], least: int
 ) -> None:
+    """One figure beyond its limit once in 100 sheets, the seed is fixed."""
+    parts = simulated_sheet(SMALL, [setting(SMALL)], charts, lambda *_: None)
+    assert [part.name for part in parts] == [one.name for one in charts if one.filters == 1]
+    study = sheet_study(SMALL.name, parts)
+    assert study.passed and not study.missing, study.findings
+    assert sum(bool(row["mark"]) for row in study.data["rows"]) > least
+
+
+def test_the_command_writes_page_json_and_csv_and_renders_once(
+    tmp_path: Path, tiny_file: str, sheet: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = json.loads((sheet / "sheet.json").read_text(encoding="utf-8"))
+    assert written["passed"] and written["camera"] == TINY.name
+    with (sheet / "sheet.csv").open(encoding="utf-8") as file:
+        table = list(csv.DictReader(file))
+    assert [row["symbol"] for row in table] == [row["symbol"] for row in written["rows"]]
+    assert float(table[0]["value"]) == written["rows"][0]["value"]
+    page = (sheet / "sheet.html").read_text(encoding="utf-8")
+    assert "Response (OECF)" in page and "render noise of the light" in page
+    monkeypatch.setattr(light, "render", None)
+    again = run(tiny_file, "-o", str(tmp_path / "again"), "--charts", "led", "--json")
+    assert again.exit_code == 0, again.output
+    values = [row["value"] for row in json.loads(again.stdout)["rows"]]
+    assert values == [row["value"] for row in written["rows"] if row["chart"] == "led"]
+
+
+def test_light_depends_on_the_optics_and_the_chart_only() -> None:
     scene = ChartScene("a", "<scene/>", 64, 550.0)
-    changed = fingerprint(scene, TINY.replace(**{field: value}))
-    assert (changed != fingerprint(scene, TINY)) == matters
+    sensor = TINY.replace(**{"adc.bits": 10, "source_follower.read_noise_e": 9.0})
+    assert fingerprint(scene, sensor) == fingerprint(scene, TINY)
+    optics = {"lens.f_number": 5.6, "lens.diffraction": True, "pixel.pitch_x_um": 3.0}
+    cameras = [TINY.replace(**{field: value}) for field, value in optics.items()]
     pictures = (scene._replace(bitmap=np.full((8, 8), level)) for level in (1.0, 2.0))
     others = scene._replace(text="<scene />"), scene._replace(samples=65), *pictures
-    assert len({fingerprint(one, TINY) for one in (scene, *others)}) == 5
+    found = [fingerprint(scene, camera) for camera in (TINY, *cameras)]
+    assert len({*found, *(fingerprint(one, TINY) for one in others)}) == 8
 
 
 def test_a_file_of_light_that_is_broken_is_rendered_again() -> None:
@@ -270,7 +270,7 @@ def test_colours_of_a_bayer_camera_are_those_of_its_filters() -> None:
     ("fields", "corners_percent"),
     [
         ({}, 100 / (1 + 2 * np.tan(np.radians(20)) ** 2) ** 2),
-        (
+        exhaustive(
             {
                 "lens.relative_illumination": (1 - 2.5 * HEIGHTS_MM**2).tolist(),
                 "lens.relative_illumination_heights_mm": HEIGHTS_MM.tolist(),
@@ -327,7 +327,7 @@ def written_frames(folder: Path, bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    "names", [("steps", "led"), exhaustive(("edge_columns", "star", "leaves", "grey"))]
+    "names", [("steps",), exhaustive(("edge_columns", "star", "leaves", "grey", "led"))]
 )
 def test_frames_on_disk_give_the_figures_of_the_same_camera(
     tmp_path: Path, names: tuple[str, ...]
@@ -360,10 +360,11 @@ def test_frames_on_disk_give_the_figures_of_the_same_camera(
         assert row["temperature_k"] == 298.15
 
 
-def test_two_sheets_are_compared_figure_by_figure(tmp_path: Path, tiny_file: str) -> None:
+def test_two_sheets_are_compared_figure_by_figure(
+    tmp_path: Path, tiny_file: str, sheet: Path
+) -> None:
     """Another read noise, and nothing else: DR falls, the response stays. What one sheet has alone is named."""
-    both = [str(tmp_path / name) for name in "ab"]
-    run(tiny_file, "-o", both[0], "--charts", "steps,led")
+    both = [str(sheet), str(tmp_path / "loud")]
     louder = ("--set", "source_follower.read_noise_e=40", "--set", "name=loud")
     run(tiny_file, "-o", both[1], "--charts", "steps", "--seed", "2", *louder)
     result = run("--compare", *both, "-o", str(tmp_path / "c"))
@@ -405,17 +406,13 @@ def test_a_monochrome_camera_is_compared_with_every_filter_and_red_rows_are_coun
         compared(mono, Sheet("other", [sheet_row("emva", "", "K", 1.0)]))
 
 
-@pytest.mark.parametrize(
-    ("seed", "charts"),
-    [(34, ("steps", "led", "grey")), *(exhaustive(seed, ()) for seed in range(12))],
-)
-def test_a_right_camera_has_all_checks_passed(seed: int, charts: tuple[str, ...]) -> None:
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("seed", [*range(12), 34])
+def test_a_right_camera_has_all_checks_passed(seed: int) -> None:
     """Cameras at random, of small windows: of 40 right ones at most one would fail by chance in 14 of 15 runs; the
     seeds are fixed. Read noise is from 0.005 to 20 DN, that of seed 34 is 0.07 DN."""
     camera = random_camera(seed)
-    parts = simulated_sheet(
-        camera, [setting(camera, seed)], chosen_charts(charts), lambda *_: None
-    )
+    parts = simulated_sheet(camera, [setting(camera, seed)], chosen_charts(()), lambda *_: None)
     study = sheet_study(camera.name, parts)
     assert study.passed, study.findings
 

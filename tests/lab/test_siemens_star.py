@@ -5,11 +5,12 @@ from __future__ import annotations
 import charts
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 
 from mitsuba_sensor.lab.measure.image_quality.siemens_star import siemens_star
 
 
-@pytest.mark.parametrize(("side", "cycles"), [(160, 60), (200, 72)])
+@pytest.mark.parametrize(("side", "cycles"), [(160, 60), exhaustive(200, 72)])
 @pytest.mark.parametrize(("offset", "error"), [((0.3, -1.7), 1e-3), ((0.0, 0.0), 6e-3)])
 def test_a_star_has_the_modulation_of_its_pixels(
     side: int, cycles: int, offset: tuple[float, float], error: float

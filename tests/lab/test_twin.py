@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import scipy
 from helpers import BENCHMARKS
-from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.bench.virtual_bench import Setup, virtual_bench
@@ -53,7 +52,8 @@ def bench(trips: ModuleType) -> Bench:
     return trips.random_trip(3, 40, 12).bench()
 
 
-@pytest.mark.parametrize("seeds", [range(20, 22), exhaustive(range(22, 24))], ids=str)
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("seeds", [range(20, 22), range(22, 24)], ids=str)
 def test_random_cameras_come_back(seeds: range, trips: ModuleType) -> None:
     """Cameras of 12 or 13 parameters: no error of more than 2 half intervals (chance: once in 250 suites), and all but
     5 of 25 intervals cover (chance of fewer: 1 in 500)."""

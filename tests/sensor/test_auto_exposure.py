@@ -14,7 +14,7 @@ from mitsuba_sensor.render.light.light_sum import sum_of_groups
 from mitsuba_sensor.sensor.auto_exposure import ExposureControl
 
 CAMERA = ms.load_camera("konnik_table1")
-pytestmark = pytest.mark.filterwarnings("ignore::mitsuba_sensor.SensorWarning")
+pytestmark = pytest.mark.usefixtures("few_windows")
 LADDER = ms.load_camera("raspberry_pi_hq")
 FPS = 30
 

@@ -108,11 +108,11 @@ def test_all_errors_of_a_file_are_found_at_once_with_their_lines(tmp_path: Path)
 
 
 def test_thousands_of_unknown_keys_are_named_each_in_its_line(tmp_path: Path) -> None:
-    """A second of a processor for 3000 of them."""
-    keys = "".join(f"qwfpkey_number_{n} = {n}\n" for n in range(3000))
+    """A third of a second of a processor for 1000 of them."""
+    keys = "".join(f"qwfpkey_number_{n} = {n}\n" for n in range(1000))
     found = checked(TABLE1.replace("[adc]\n", f"[adc]\n{keys}"), tmp_path)
-    assert len(found) == 3000
-    assert found[-1].line == found[0].line + 2999  # type: ignore[operator]
+    assert len(found) == 1000
+    assert found[-1].line == found[0].line + 999  # type: ignore[operator]
 
 
 UNUSUAL = {  # a line of Table 1 → what stands there instead, and the end of the warning

@@ -12,7 +12,7 @@ from helpers.expected_codes import bare_camera, mean_and_variance
 import mitsuba_sensor as ms
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
-SHAPE, FRAMES, EXPOSURE = (8, 12), 1000, ms.Exposure(0.1)
+SHAPE, FRAMES, EXPOSURE = (16, 24), 250, ms.Exposure(0.1)
 TABLE1 = ms.load_camera("konnik_table1")
 QUIET = {
     "source_follower.white_nv_per_rthz": None,
@@ -110,7 +110,7 @@ def test_the_average_of_many_frames_is_the_clean_frame(name: str, share: float) 
     sigma = np.sqrt(np.where(moving, variance, variance.max()))
     off = np.abs(mean - found.clean) / sigma
     assert off.max() < 4.5 / np.sqrt(FRAMES) + 0.3 * is_lattice
-    assert np.sqrt(np.mean(off**2)) < 1.5 / np.sqrt(FRAMES) + 0.06 * is_lattice
+    assert np.sqrt(np.mean(off**2)) < 1.15 / np.sqrt(FRAMES) + 0.06 * is_lattice
     assert np.sum(square[moving]) == pytest.approx(np.sum(variance[moving]), rel=0.03)
 
 
@@ -121,22 +121,22 @@ NOT_STRAIGHT: dict[str, ms.Camera] = {
     "EM gain, converter curve": EM.replace(**{"adc.gamma": 1.04}),
     "unequal steps": TABLE1.replace(**{"adc.dnl_lsb": {str(k): 0.7 - 1.4 * (k % 2) for k in range(10, 3000)}}),
     "coupled neighbours": TABLE1.replace(**{"readout.ipc_coupling": 0.02}),
-    "row noise and radiation hits": TABLE1.replace(**{"readout.row_noise_e": 30.0, "pixel.hits_per_cm2_s": 1e6}),
+    "row noise and radiation hits": TABLE1.replace(**{"readout.row_noise_e": 30.0, "pixel.hits_per_cm2_s": 4e6}),
     "soft saturation": TABLE1.replace(**{"pixel.full_well_knee_e": 800.0}),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", list(NOT_STRAIGHT))
 def test_a_chain_that_is_not_straight_has_its_mean_by_a_lattice_and_says_so(name: str) -> None:
-    """In a ramp of light. Five standard errors of the average over pixels, of 400 frames and the 32 of the lattice."""
+    """In a ramp of light. Five standard errors of the average over pixels, of 100 frames and the 32 of the lattice."""
     camera = NOT_STRAIGHT[name]
-    light = ms.Photons(np.linspace(5.0, 120.0, 96).reshape(SHAPE), detected=True)
+    light = ms.Photons(np.linspace(5.0, 120.0, 384).reshape(SHAPE), detected=True)
     found = ms.expose(light, camera, EXPOSURE)
     assert found.pixel_moments.method.startswith("32 frames of a lattice, because")
     assert np.isfinite(found.clean).all() and np.isfinite(found.temporal_variance).all()
-    mean, variance = averages(light, camera, 400)
+    mean, variance = averages(light, camera, 100)
     off = (found.clean - mean) / np.sqrt(variance)
-    assert abs(off.mean()) < 5 * np.sqrt(1 / 400 + 0.08**2) / np.sqrt(
+    assert abs(off.mean()) < 5 * np.sqrt(1 / 100 + 0.08**2) / np.sqrt(
         SHAPE[0]
     )  # rows share noise
     assert np.std(off) < 0.15

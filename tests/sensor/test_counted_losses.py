@@ -15,6 +15,7 @@ TABLE1 = ms.load_camera("konnik_table1")
 """Its QE curve runs from 400 to 700 nm."""
 
 EXPOSURE = ms.Exposure(0.1)
+pytestmark = pytest.mark.usefixtures("few_windows")
 
 
 def outside_qe(photons: Any, wavelengths_nm: Any) -> dict[str, Any]:

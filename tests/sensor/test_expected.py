@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.amp_glow import AmpGlow
+from helpers.marks import one_in
 from scipy import stats
 
 import mitsuba_sensor as ms
@@ -34,6 +35,7 @@ TABLE1 = ms.load_camera("konnik_table1").replace(
 """Shot noise and rounding alone."""
 K = gain_dn_per_e(TABLE1)
 SHAPE = (128, 128)
+few = pytest.mark.usefixtures("few_windows")
 
 
 def light_of(level_e: float, shape: tuple[int, int] = SHAPE) -> ms.Photons:
@@ -140,6 +142,7 @@ def test_a_drift_from_frame_to_frame_is_that_of_the_frames_that_were_asked_for()
     assert measured.var(axis=0, ddof=1).mean() == pytest.approx(closed[1], rel=0.02)
 
 
+@few
 def test_standard_errors_are_the_spread_of_other_sensor_units() -> None:
     """24 places on the sensor: other random numbers. The spread of χ² of 23 is 15 %; three times of that is allowed."""
     camera = changed(pixel__prnu=0.01)
@@ -184,7 +187,7 @@ def noise_of_units(camera: ms.Camera, scene: np.ndarray) -> tuple[float, float, 
     return float(codes.mean()), float(temporal**0.5), float(max(spatial, 0.0) ** 0.5)
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", one_in(2, SCENES))
 def test_the_image_that_a_scene_becomes_is_no_noise(name: str) -> None:
     """σ within 1.5 % or 4 standard errors: that of 24 units is 0.3 % temporal and 0.7 % spatial, in streaks more."""
     camera, scene = SCENES[name]
@@ -271,6 +274,7 @@ def test_a_report_has_the_frame_beside_what_is_expected_of_it() -> None:
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 200), (200, 1)])
+@few
 def test_frames_of_any_size_have_finite_figures(shape: tuple[int, int]) -> None:
     frames = ms.expose(light_of(1000.0, shape), ms.load_camera("konnik_table1"), EXPOSURE)
     json.dumps(
@@ -281,6 +285,7 @@ def test_frames_of_any_size_have_finite_figures(shape: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("kelvin", [4.0, 500.0])
 @pytest.mark.parametrize("photons", [0.0, 1e300])
+@few
 def test_extreme_light_and_temperature_have_finite_figures(
     photons: float, kelvin: float
 ) -> None:

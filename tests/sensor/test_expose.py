@@ -16,6 +16,7 @@ from mitsuba_sensor.stages.chain import chain
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 EXPOSURE = ms.Exposure(0.1)
+pytestmark = pytest.mark.usefixtures("few_windows")
 CAMERA = ms.load_camera("konnik_table1")
 BAYER = ms.load_camera("bayer_2mp")
 LIGHT = np.full((6, 8), 5000.0)

@@ -76,7 +76,7 @@ PARAMETERS = (
 )
 LEVELS = (exhaustive(3), 1000)
 """Electrons."""
-SHAPE = (32, 2048)
+SHAPE = (16, 1024)
 SURE = 5.0
 
 
@@ -257,15 +257,6 @@ NO_SLOPE = (
 WIDE_LIGHT = np.full((48, 64), 8000.0)
 
 
-@cache
-def wide() -> Any:
-    frame = differentiable(
-        WIDE_LIGHT, WIDE, EXPOSURE, [name for name in FIELDS if name not in NO_SLOPE]
-    ).frame()
-    frame.store()
-    return frame
-
-
 @pytest.mark.parametrize("name", one_in(9, FIELDS))
 def test_every_field_moves_every_pixel_as_its_derivative_says_or_is_refused(name: str) -> None:
     if name in NO_SLOPE:
@@ -278,7 +269,8 @@ def test_every_field_moves_every_pixel_as_its_derivative_says_or_is_refused(name
         ms.expose(WIDE_LIGHT, camera, EXPOSURE, engine="drjit").digital[0].astype(float)
         for camera in ends
     ]
-    missed = shots[0] - shots[1] - 2 * step * value_of(name, WIDE) * wide().forward(name)
+    slope = differentiable(WIDE_LIGHT, WIDE, EXPOSURE, name).frame().forward(name)
+    missed = shots[0] - shots[1] - 2 * step * value_of(name, WIDE) * slope
     assert (
         np.sqrt(np.mean(missed**2)) < 0.75
     )  # two roundings: 0.41; counts of electrons jump as well
@@ -326,7 +318,7 @@ BEHIND = (
 
 
 @pytest.mark.parametrize("end", ENDS)
-@pytest.mark.parametrize("sigma_dn", [0.3, 1.05, *map(exhaustive, (0.1, 2.0))])
+@pytest.mark.parametrize("sigma_dn", one_in(4, [0.3, 0.1, 1.05, 2.0]))
 def test_at_edges_and_clips_the_slopes_are_those_of_an_enumeration(
     end: str, sigma_dn: float
 ) -> None:
@@ -349,7 +341,7 @@ def test_at_edges_and_clips_the_slopes_are_those_of_an_enumeration(
             assert found == pytest.approx(exact, rel=0.03, abs=room), name
 
 
-@pytest.mark.parametrize("sigma_dn", [0.3, 2.0])
+@pytest.mark.parametrize("sigma_dn", [0.3, exhaustive(2.0)])
 def test_derivatives_of_codes_and_of_their_squares_have_the_right_mean(sigma_dn: float) -> None:
     """Over a quarter of a million pixels in 20 electrons, within 5 standard errors."""
     camera = bare_camera(sigma_dn, adc__black_level_dn=2.0)
@@ -364,7 +356,7 @@ def test_derivatives_of_codes_and_of_their_squares_have_the_right_mean(sigma_dn:
             assert abs(moved.mean() - what) < SURE * moved.std() / 512 + 2e-3 * abs(what) + 1e-3
 
 
-@pytest.mark.parametrize("sigma_dn", [0.2, 2.0])
+@pytest.mark.parametrize("sigma_dn", [0.2, exhaustive(2.0)])
 def test_strips_of_rows_have_the_derivatives_of_the_whole(
     sigma_dn: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,7 +16,7 @@ from mitsuba_sensor.stages.gains import gain_dn_per_e
 problem = backend_problem("llvm")
 pytestmark = pytest.mark.skipif(problem is not None, reason=f"derivatives need LLVM: {problem}")
 
-SHAPE, LIGHT_E, DARK_E, SURE = (64, 512), 400.0, 150.0, 5.0
+SHAPE, LIGHT_E, DARK_E, SURE = (32, 512), 400.0, 150.0, 5.0
 CAMERA = ms.load_camera("konnik_table1").replace(
     **{
         "pixel.prnu": 0.0,

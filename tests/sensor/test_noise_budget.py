@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.theory.noise_budget import Contribution, NoiseBudget
@@ -19,6 +20,7 @@ TABLE1 = ms.load_camera("konnik_table1").replace(
 )
 EXPOSURE = ms.Exposure(0.1)
 SHAPE = (200, 300)
+few = pytest.mark.usefixtures("few_windows")
 RICH = {
     "pixel.prnu": 0.01, "dark_current.cv": 0.4, "readout.dsnu_row": 0.001, "pixel.dsnu_e": 10.0,
     "readout.prnu_col": 0.002, "dark_current.rts_fraction": 0.1, "dark_current.rts_amplitude_e_per_s": 500.0,
@@ -49,7 +51,7 @@ def require_close(found: float, error: float, expected: float) -> None:
     assert abs(found - expected) <= max(4 * error, 0.02 * expected), (found, error, expected)
 
 
-@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize("name", ["everything", "EM gain", exhaustive("non-linear")])
 def test_rows_add_up_to_the_variances_of_the_frames(name: str) -> None:
     """With what the sources do together in a row of its own; without it they add up within 4 standard errors."""
     frames = frames_of(CAMERAS[name], 50.0 if name == "EM gain" else 20_000.0)
@@ -68,6 +70,7 @@ def test_rows_add_up_to_the_variances_of_the_frames(name: str) -> None:
     assert all(math.isfinite(x) for row in budget.rows for x in row[1:])
 
 
+@few
 def test_a_source_that_is_switched_off_is_without_effect_and_the_others_stay() -> None:
     """The same random numbers: rows of other sources change by what rounding of float32 does."""
     on = TABLE1.replace(**{**RICH, "dark_current.rts_fraction": 0.0})
@@ -82,10 +85,11 @@ def test_a_source_that_is_switched_off_is_without_effect_and_the_others_stay() -
         assert one.temporal_dn2 == pytest.approx(other.temporal_dn2, rel=1e-3, abs=1e-5)
         assert (
             abs(one.spatial_dn2 - other.spatial_dn2)
-            < 0.2 * math.hypot(one.temporal_error_dn2, one.spatial_error_dn2) + 1e-3
+            < 0.1 * math.hypot(one.temporal_error_dn2, one.spatial_error_dn2) + 1e-3
         )
 
 
+@few
 def test_pixels_that_are_clipped_do_not_count_and_the_budget_says_how_many() -> None:
     """Half of the pixels in light beyond the full well: the rows are those of the other half."""
     light = np.full(SHAPE, 20_000.0)
@@ -109,6 +113,7 @@ def test_pixels_that_are_clipped_do_not_count_and_the_budget_says_how_many() -> 
     assert [row.source for row in full.rows] == ["total"]
 
 
+@few
 def test_a_budget_is_that_of_its_frames_and_of_each_readout() -> None:
     later = frames_of(TABLE1, first_frame=3)
     assert later.noise_budget().change_of("source follower noise").shape == SHAPE

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import backend_problem
@@ -32,6 +33,7 @@ def light(seed: int, shape: tuple[int, int] = (40, 60)) -> Any:
     return np.random.default_rng(seed).uniform(0, 50_000, shape)
 
 
+@pytest.mark.usefixtures("few_windows")
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(
     "name", ["table 1", pytest.param("rts, ar", marks=pytest.mark.exhaustive)]
@@ -134,7 +136,7 @@ def test_light_that_the_kernel_detects_is_that_of_a_stream_and_of_the_host(
         np.testing.assert_array_equal(one.detected.mean_e, fast[0].detected.mean_e)
 
 
-@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("engine", one_in(len(ENGINES), ENGINES[::-1]))
 def test_threads_never_take_the_same_frame(engine: Any) -> None:
     """Whoever comes first, the frames are the first 40 of this chip, each of them once."""
     photons, asked = light(1), {"wavelengths_nm": [550.0], "engine": engine}

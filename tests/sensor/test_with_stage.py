@@ -1,4 +1,4 @@
-"""Stages of one's own: row banding is in the chain, in theory, plan, noise budget and metadata, on every backend."""
+"""Stages of one's own: row banding is in the chain, in theory, noise budget and metadata."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def camera_with_banding(sigma_e: float = 20.0) -> ms.Camera:
     return TABLE1.with_stage(Banding(sigma_e, 5e-6, tuple(peak)), after="reset_noise")
 
 
-def test_a_stage_of_ones_own_stands_in_report_plan_noise_budget_and_metadata() -> None:
+def test_a_stage_of_ones_own_stands_in_report_noise_budget_and_metadata() -> None:
     camera = camera_with_banding(20.0)
     frames = ms.expose(np.zeros((64, 64)), camera, DARK)
     names = [line["name"] for line in frames.report["stages"]]
@@ -66,12 +66,6 @@ def test_a_stage_of_ones_own_stands_in_report_plan_noise_budget_and_metadata() -
     assert (
         entry.temporal_error_dn2 < 0.2 * expected_dn2
     )  # 24 windows of 64 rows, of which 20 are alike
-    (effect,) = (
-        one
-        for one in ms.plan(camera, DARK, np.zeros((8, 8)), 0.01).effects
-        if one.stage == "banding"
-    )
-    assert effect.kept and effect.temporal_dn > 1
     (added,) = camera.to_dict()["added_stages"]
     assert added["after"] == "reset_noise" and "Banding(sigma_e=20.0" in added["stage"]
     assert "added_stages" not in TABLE1.to_dict()

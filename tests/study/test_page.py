@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import math
@@ -95,10 +96,12 @@ def test_what_was_not_checked_has_no_verdict() -> None:
     assert replace(study_of("comparison", "t", ()), checked=False).headline == ""
 
 
-@pytest.mark.parametrize("span", [1.001, 1.1, 3.0, 4.0, 9.0, 40.0, 1e3, 1e9, 1e20])
-@pytest.mark.parametrize("low", [1.0, 0.13, 8.7e-5])
+@pytest.mark.parametrize(
+    ("low", "span"),
+    [(1.0, 1.001), (0.13, 1.1), (8.7e-5, 3.0), (0.13, 4.0), (1.0, 9.0), (0.13, 40.0), (8.7e-5, 1e9), (0.13, 1e20)],
+)  # fmt: skip
 def test_an_axis_has_three_to_nine_labels_that_differ_and_holds_its_points(
-    span: float, low: float, monkeypatch: pytest.MonkeyPatch
+    low: float, span: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[Any] = []
     monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: seen.append(self))
@@ -107,7 +110,7 @@ def test_an_axis_has_three_to_nine_labels_that_differ_and_holds_its_points(
     values = [(x, x, x) for x in points]
     png(Dots("dots", "x [1]", ("a", "b"), {"one": values}, (low, "level"), log_x=True))
     for figure in seen:
-        figure.canvas.draw()
+        figure.draw_without_rendering()
     (plot,), (dots,) = (figure.axes for figure in seen)
     for axis in (plot.xaxis, plot.yaxis, dots.xaxis):
         start, end = axis.get_view_interval()
@@ -118,8 +121,12 @@ def test_an_axis_has_three_to_nine_labels_that_differ_and_holds_its_points(
     assert plot.get_xlabel() == "x" and plot.get_legend().get_texts()[0].get_text() == "one"
 
 
-def test_a_page_asks_the_network_for_nothing_and_is_well_formed() -> None:
-    page = html(study(TABLE, *PICTURES))
+@pytest.fixture(scope="module")
+def page() -> str:
+    return html(study(TABLE, *PICTURES))
+
+
+def test_a_page_asks_the_network_for_nothing_and_is_well_formed(page: str) -> None:
     targets = re.findall(r"(?:src|href)=\"([^\"]{0,24})", page)
     assert all(one.startswith(("data:image/svg+xml;", "#part-")) for one in targets)
     assert "<script" not in page and "@import" not in page and "url(" not in page
@@ -153,10 +160,10 @@ def test_a_table_has_a_column_for_each_heading_and_marks_only_where_there_are_an
 
 
 @pytest.mark.parametrize("picture", PICTURES, ids=lambda one: one.title)
-def test_every_picture_is_drawn_and_is_the_same_again(picture: Any) -> None:
+def test_every_picture_is_drawn_and_is_the_same_again(picture: Any, page: str) -> None:
     drawn = svg(picture)
     ElementTree.fromstring(drawn)
-    assert drawn == svg(picture)
+    assert base64.b64encode(drawn).decode() in page
     with Image.open(io.BytesIO(png(picture))) as image:
         assert image.width > 400 and len(image.convert("RGB").getcolors(1 << 20) or ()) > 4
 

@@ -23,6 +23,7 @@ from mitsuba_sensor.study.kit import Subject, change_of_moments, measured, momen
 from mitsuba_sensor.study.stress import SENSORS as ENGINES
 from mitsuba_sensor.study.stress import Case, answer, cases, problem_of, stress
 from mitsuba_sensor.study.work_precision import work_precision
+from mitsuba_sensor.theory import expected
 
 
 def silent(now: str, share: float) -> None:
@@ -78,6 +79,8 @@ def ablated(tmp_path_factory: pytest.TempPathFactory) -> Study:
     with pytest.MonkeyPatch.context() as small:
         small.setattr(of_ablation, "TURNS", 2)
         small.setattr(of_ablation, "SENSORS", 4)
+        small.setattr(expected, "WINDOWS_MAX", 4)
+        small.setattr(expected, "WINDOWS", 4)
         return ablation(subject_of(tmp_path_factory.mktemp("scene")), silent, frames=4)
 
 
@@ -138,11 +141,13 @@ def test_the_rms_of_a_change_is_free_of_noise() -> None:
 def worked(tmp_path_factory: pytest.TempPathFactory) -> Study:
     """Both sides in small."""
     with pytest.MonkeyPatch.context() as small:
-        for name, value in {"REFERENCE_S": 1.0, "RUN_S": 0.02, "RUNGS": 4, "TURNS": 2}.items():
+        for name, value in {"REFERENCE_S": 0.5, "RUN_S": 0.02, "RUNGS": 3, "TURNS": 2}.items():
             small.setattr(of_work, name, value)
         small.setattr(of_work, "ENGINES", (("numpy", "float32"), ("drjit", "float32")))
         small.setattr(of_work, "TOLERANCES_DN", (None, 1.0))
         small.setattr(of_work, "SENSORS", 4)
+        small.setattr(expected, "WINDOWS_MAX", 4)
+        small.setattr(expected, "WINDOWS", 4)
         subject = subject_of(tmp_path_factory.mktemp("scene"), variant=None)
         asked = {"seeds": 2, "variants": ["scalar_spectral"], "tolerance": 0.05}
         return work_precision(subject, silent, **asked)  # type: ignore[arg-type]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.special
 import scipy.stats
+from helpers.marks import exhaustive
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
@@ -58,7 +59,7 @@ def test_the_excess_noise_is_that_of_a_branching_process(gain: float, elements: 
     assert EmGain(gain, elements).excess_noise == pytest.approx(variance / gain**2, rel=1e-9)
 
 
-@pytest.mark.parametrize("electrons", [1, 3])
+@pytest.mark.parametrize("electrons", [exhaustive(1), 3])
 def test_the_law_of_few_electrons_is_near_that_of_the_register(electrons: int) -> None:
     """Kolmogorov distance below 0.02 of 20 000 electrons that are multiplied element by element; chance alone makes
     more than 0.0163 once in 100."""
@@ -85,7 +86,7 @@ def behind(
 @pytest.mark.parametrize("shape", [1e-6, 0.3, 0.999, 1.0, 1.02, 1.7, 3.0, 40.0, 1e4, 1e8, 1e30])
 def test_gamma_numbers_in_float32_are_those_of_scipy(shape: float) -> None:
     """Within 1e-4 of σ, over random bits of all sizes; 1e-3 at the ends of the distribution."""
-    bits = np.random.default_rng(7).integers(0, 2**32, 100_000, dtype=np.uint64)
+    bits = np.random.default_rng(7).integers(0, 2**32, 20_000, dtype=np.uint64)
     bits[:4] = 0, 1, 2**32 - 2, 2**32 - 1
     shapes = np.full(bits.shape, shape, np.float32)
     single, double = (
@@ -107,6 +108,7 @@ def test_light_and_dark_electrons_are_multiplied_together() -> None:
     np.testing.assert_allclose(found.total, behind(light + dark, EmGain(GAIN, ELEMENTS)))
 
 
+@pytest.mark.usefixtures("few_windows")
 def test_read_noise_is_divided_by_the_gain_and_k_multiplied() -> None:
     plain, em = (emva_figures(camera, ms.Exposure(0.0, 170.0)) for camera in (BASE, EMCCD))
     assert em.temporal_dark_noise_e == pytest.approx(
@@ -141,8 +143,8 @@ def test_a_full_register_saturates_the_pixel() -> None:
     ("electrons", "fields", "off"),
     [
         (0.2, {}, 0.006),
-        (1.0, {}, 0.003),
-        (700.0, {}, 0.003),
+        exhaustive(1.0, {}, 0.003),
+        exhaustive(700.0, {}, 0.003),
         (1.0, {"adc.black_level_dn": 10.0}, 0.004),
     ],
 )
@@ -151,7 +153,8 @@ def test_clean_frame_and_its_variance_are_near_the_frames(
 ) -> None:
     """Mean within 0.004 σ, σ within 0.3 % where nothing clips, which are 3 and 4 standard errors of 2^19 pixels (0.2
     electrons have a long tail: 0.6 %), also where the converter clips dark pixels."""
-    frames = ms.expose(light_of(electrons), EMCCD.replace(**fields), COLD, frames=8)
+    light = light_of(electrons, (128, 128))
+    frames = ms.expose(light, EMCCD.replace(**fields), COLD, frames=32)
     codes, sigma = frames.digital.astype(float), frames.temporal_variance.mean() ** 0.5
     assert codes.std() / sigma == pytest.approx(
         1.0, abs=off + 0.01

@@ -49,15 +49,15 @@ def test_a_line_has_one_offset_and_every_line_and_frame_another(field: str, axis
 
 
 def test_a_frame_has_one_offset_and_every_frame_another_the_same_in_a_crop() -> None:
-    """σ = 3 e- over 500 frames: 5 standard errors are 16 % of σ, 22 % of the correlation from frame to frame."""
+    """Over 150 frames 5 standard errors are 29 % of σ (test_laws.py has it closer) and 41 % of the correlation."""
     camera = QUIET.replace(**{"readout.frame_noise_e": 3.0})
     how: Any = {"keep": ("volts",), "precision": "float64"}
-    frames = ms.expose(np.zeros((4, 6)), camera, DARK, frames=500, **how).volts / 5e-6
+    frames = ms.expose(np.zeros((4, 6)), camera, DARK, frames=150, **how).volts / 5e-6
     offsets = frames[:, 0, 0]
     np.testing.assert_allclose(
         frames, np.broadcast_to(offsets[:, None, None], frames.shape), atol=1e-9
     )
-    assert offsets.std() == pytest.approx(3, rel=0.16)
-    assert abs(np.corrcoef(offsets[1:], offsets[:-1])[0, 1]) < 0.22
+    assert offsets.std() == pytest.approx(3, rel=0.29)
+    assert abs(np.corrcoef(offsets[1:], offsets[:-1])[0, 1]) < 0.41
     crop = ms.expose(np.zeros((2, 3)), camera, DARK, frames=5, origin=(9, 4), **how).volts
     np.testing.assert_allclose(crop[:, 0, 0] / 5e-6, offsets[:5], atol=1e-9)
