@@ -165,7 +165,7 @@ def test_a_scene_that_was_changed_since_is_named(
 WHY = {
     2: "ValueError: a bug",
     3: "its process died 2 times (the renderer is on fire)",
-    5: "its process died (it took longer than --timeout-s)",
+    5: "took longer than the time limit",
     6: "GB of memory",
 }
 """Radiance [1e-4] of a light that make_badly does not make → why."""
