@@ -1,7 +1,7 @@
 """Make the pictures of docs/optics-and-pixels.md: balls on a polished table, seen by a polarisation camera.
 
 python examples/polarisation.py                                      # small, into polarisation/
-python examples/polarisation.py -o docs/images --width 384 --spp 128    # the pictures of docs/optics-and-pixels.md
+python examples/polarisation.py -o docs/images --width 384 --spp 32    # the pictures of docs/optics-and-pixels.md
 """
 
 from __future__ import annotations

@@ -15,11 +15,13 @@ from pathlib import Path
 import mitsuba_sensor as ms
 from mitsuba_sensor.dataset import make_dataset
 from mitsuba_sensor.dataset.exports.export import export
-from mitsuba_sensor.files.png import write_png
+from mitsuba_sensor.files.png import png, write_png
 from mitsuba_sensor.files.scene_copies import copy_scene
 from mitsuba_sensor.output.contact_sheet import Captioned, SheetRow, contact_sheet
+from mitsuba_sensor.output.preview import preview
 
 BASELINE_M = 0.3
+BRIGHTER = 3.0  # factor of the light in the picture
 NAMES = "left", "right"
 DATASET = """
 name = "stereo"
@@ -89,7 +91,10 @@ def main() -> None:
     rows = []
     for name in NAMES:
         pictures = [
-            Captioned(sample.files["frame.png"], [f"{sample.values['time_s']:g} s"])
+            Captioned(
+                png(preview(sample.read("raw")[0], sample.camera, BRIGHTER)),
+                [f"{sample.values['time_s']:g} s", f"shown {BRIGHTER:g} x brighter"],
+            )
             for sample in samples.where(sensor=name)
         ]
         rows.append(SheetRow([name], pictures))

@@ -16,7 +16,7 @@ from ..core import InputError, nearest, nearest_file
 from ..core.errors import shown
 from ..core.small_files import require_small, toml_tables
 from .camera import Camera, checked_camera
-from .shipped import SHIPPED, list_cameras
+from .shipped import list_cameras, shipped_text
 
 AnyCamera: TypeAlias = Camera | str | Path
 """A camera, the name of an included camera, or the path of a camera file."""
@@ -95,7 +95,7 @@ def camera_text(name: str | Path) -> CameraText:
         return CameraText(str(name), TOML_TEXT)
     shipped, path = list_cameras(), Path(name)
     if isinstance(name, str) and name in shipped:
-        return CameraText(_shipped_text(name), f"{name}.toml")
+        return CameraText(shipped_text(name), f"{name}.toml")
     if path.suffix != ".toml" and not (str(name) and os.path.exists(path)):
         remedy = " Pass the path of a .toml file, or a name from ms.list_cameras()."
         meant = _meant(str(name)) or nearest_file(str(name), ".toml")
@@ -148,13 +148,9 @@ def toml_value(text: str) -> Any:
         return text
 
 
-def _shipped_text(name: str) -> str:
-    return (SHIPPED / f"{name}.toml").read_text("utf-8")
-
-
 def description_of(name: str) -> str:
     """Return the one-line description of an included camera."""
-    line = re.search(r'^description = "(.*)"$', _shipped_text(name), re.M)
+    line = re.search(r'^description = "(.*)"$', shipped_text(name), re.M)
     return line[1] if line else ""
 
 

@@ -1,6 +1,7 @@
 """The included camera files."""
 
 from importlib import resources
+from pathlib import Path
 
 DEFAULT_CAMERA = "konnik_table1"
 """The camera if neither the user nor the scene names one."""
@@ -25,5 +26,11 @@ def list_cameras() -> list[str]:
 
 def cameras_with_gains() -> list[str]:
     """Return the names of the included cameras that have gain settings."""
-    files = ((name, SHIPPED / f"{name}.toml") for name in list_cameras())
-    return [name for name, file in files if "\n[[gains]]" in file.read_text("utf-8")]
+    return [name for name in list_cameras() if "\n[[gains]]" in shipped_text(name)]
+
+
+def shipped_text(name: str) -> str:
+    """Return the text of an included camera file."""
+    from ..files.texts import text_of_file
+
+    return text_of_file(Path(str(SHIPPED / f"{name}.toml")), "install mitsuba-sensor again")

@@ -44,7 +44,7 @@ def checks_names(kind: type[Class]) -> type[Class]:
                 raise InputError(f"{name!r} is not an argument of {kind.__name__}.{remedy}")
         original(self, *values, **named)
 
-    kind.__init__ = checked  # type: ignore[misc]
+    kind.__init__ = checked  # type: ignore[assignment, method-assign]
     return kind
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,24 +30,25 @@ def name_level(
     axes: Axes, name: str, *, x: float | None = None, y: float | None = None
 ) -> None:
     """Draw a dotted vertical line at ``x``, or a horizontal line at ``y``, with its name beside it."""
-    turn, place, frame = (90, (x, 0.02), "xaxis") if y is None else (0, (1.0, y), "yaxis")
+    if x is not None:
+        draw: Callable[..., object] = axes.axvline
+        place, turn, transform = (x, 0.02), 90, axes.get_xaxis_transform()
+    else:
+        assert y is not None
+        draw = axes.axhline
+        place, turn, transform = (1.0, y), 0, axes.get_yaxis_transform()
     if (name, place) in [(text.get_text(), text.get_position()) for text in axes.texts]:
         return  # drawn for another filter
-    draw, at = (axes.axvline, x) if y is None else (axes.axhline, y)
-    draw(at, color="0.5", linewidth=1, linestyle=":")
-    transform = getattr(axes, f"get_{frame}_transform")()
-    axes.text(
-        *place, name, transform=transform, rotation=turn, fontsize=8, ha="right", va="bottom"
-    )
+    draw(y if x is None else x, color="0.5", linewidth=1, linestyle=":")
+    style: dict[str, Any] = {"fontsize": 8, "ha": "right", "va": "bottom"}
+    axes.text(*place, name, transform=transform, rotation=turn, **style)
 
 
 def set_log_axes(axes: Axes) -> None:
     """Make both axes logarithmic if their data span enough, unless no value is above 0."""
     box = axes.dataLim
-    for name, (low, high), least in zip(
-        "xy", (box.intervalx, box.intervaly), box.minpos, strict=True
-    ):
-        set_log_axis(axes, name, [max(low, least), high])
+    set_log_axis(axes, "x", [max(box.intervalx[0], box.minposx), box.intervalx[1]])
+    set_log_axis(axes, "y", [max(box.intervaly[0], box.minposy), box.intervaly[1]])
 
 
 def set_log_axis(axes: Axes, name: str, values: Iterable[float]) -> None:

@@ -113,8 +113,9 @@ def text_picture(lines: Sequence[str]) -> Image.Image:
 
 
 def _cut(line: str) -> str:
-    """At most so many letters, of those that every version of the font has."""
-    text = printable(" ".join(line.split())).encode("latin-1", "replace").decode("latin-1")
+    """At most so many letters, of those that the font has: ASCII."""
+    plain = printable(" ".join(line.split())).replace("µ", "u")
+    text = plain.encode("ascii", "replace").decode()
     if len(text) <= MOST_LETTERS:
         return text
     return f"{text[: MOST_LETTERS - 3]}..."

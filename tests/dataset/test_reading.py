@@ -25,9 +25,7 @@ from mitsuba_sensor.dataset.card import (
 )
 from mitsuba_sensor.dataset.store import Row, Store
 from mitsuba_sensor.optics.spectra import inverse_srgb_curve, srgb_curve
-from mitsuba_sensor.output.contact_sheet import (
-    brightened,
-)
+from mitsuba_sensor.output.contact_sheet import brightened, text_picture
 
 FILE = """
 name = "views"
@@ -51,6 +49,12 @@ views = [{ origin_m = [0, 1, 3.9], target_m = [0, 1, 0] }, { origin_m = [0, 1.5,
 [splits]
 shares = { train = 0.5, test = 0.5 }
 """
+
+
+def test_letters_that_the_font_of_a_contact_sheet_lacks_are_replaced() -> None:
+    """The font that comes with Pillow has only ASCII."""
+    for given, drawn in {"912 µs": "912 us", "Ä": "?"}.items():
+        assert text_picture([given]).tobytes() == text_picture([drawn]).tobytes()
 
 
 @pytest.fixture(scope="module")
