@@ -31,8 +31,7 @@ def effects_of(plan: ms.Plan) -> dict[str, Effect]:
 # -- what is left out --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", EACH_KIND[:2])
-@pytest.mark.parametrize("light", [0.0, 1e5])
+@pytest.mark.parametrize(("name", "light"), zip(EACH_KIND[:2], [0.0, 1e5], strict=True))
 @few
 def test_without_tolerance_the_planned_frame_is_the_whole_frame_bit_for_bit(
     name: str, light: float
@@ -150,7 +149,7 @@ def test_one_hot_pixel_of_a_measured_map_keeps_its_stage() -> None:
 
 @pytest.mark.parametrize(
     ("shape", "place", "is_kept"),
-    [((9, 9), (3, 3), True), ((10, 10), (3, 3), True), ((1, 4), (0, 0), False)],
+    [((9, 9), (3, 3), True), ((1, 4), (0, 0), False)],
 )
 @few
 def test_one_bright_pixel_is_looked_at_under_every_filter(

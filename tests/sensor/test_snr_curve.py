@@ -58,11 +58,11 @@ def test_the_command_budget_sweeps_the_levels_of_light() -> None:
 @few
 def test_plots_draw_the_numbers() -> None:
     matplotlib.use("Agg")
-    camera = ms.load_camera("konnik_table1")
-    curve = ms.snr_curve(camera, electrons=LEVELS)
+    camera, levels = ms.load_camera("konnik_table1"), LEVELS[::4]
+    curve = ms.snr_curve(camera, electrons=levels)
     frames = ms.expose(np.full((16, 16), 3000.0), camera, ms.Exposure(0.01))
     np.testing.assert_array_equal(curve.plot().lines[0].get_ydata(), curve.snr)
-    assert curve.explain().count("\n") == len(LEVELS) + 1
+    assert curve.explain().count("\n") == len(levels) + 1
     assert f"{curve.snr[-1]:.5g}" in curve.explain() and "<td" in curve._repr_html_()
     counts = frames.plot().patches[0].get_data().values
     assert counts.sum() == frames.digital.size == frames.histogram().sum()

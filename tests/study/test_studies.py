@@ -78,6 +78,7 @@ def test_changes_of_moments_are_those_of_mean_and_sigma() -> None:
 def ablated(tmp_path_factory: pytest.TempPathFactory) -> Study:
     with pytest.MonkeyPatch.context() as small:
         small.setattr(of_ablation, "TURNS", 2)
+        small.setattr(of_ablation, "PAIRS", 3)
         small.setattr(of_ablation, "SENSORS", 4)
         small.setattr(expected, "WINDOWS_MAX", 4)
         small.setattr(expected, "WINDOWS", 4)
