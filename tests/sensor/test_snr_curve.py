@@ -7,7 +7,6 @@ import json
 import matplotlib
 import numpy as np
 import pytest
-from helpers.marks import exhaustive
 from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
@@ -35,9 +34,7 @@ def test_spatial_noise_is_the_prnu_of_the_signal_where_there_is_much() -> None:
     assert curve.total_snr == pytest.approx(1 / np.hypot(1 / curve.snr, share))
 
 
-@pytest.mark.parametrize(
-    "camera", ["konnik_table1", "scmos_dual_gain", exhaustive("proem_hs_1024b")]
-)
+@pytest.mark.parametrize("camera", ["konnik_table1", "scmos_dual_gain"])
 @few
 def test_every_camera_has_a_curve_that_rises_below_saturation(camera: str) -> None:
     levels = np.geomspace(1, 0.9 * ms.load_camera(camera).saturation_e, 3)
