@@ -176,10 +176,6 @@ class Trial:
         size = shape or self.shape
         return SensorWindow(serial, size, origin, backend=backend, camera=self.camera.name)
 
-    def frame(self, window: SensorWindow, index: int) -> Frame:
-        """Return a frame of one sensor unit."""
-        return Frame(self.exposure, window, window.serial, index)
-
     def sample(self, frame: Frame, light: float, pattern: bool = False) -> Float64Array:
         """Return the signal after the stage in one frame, shape (H, W). Raises InputError unless it is finite.
 
@@ -215,7 +211,7 @@ class Trial:
         ) -> Float64Array:
             place, shape = (row + top, column + left), (rows - top, columns - left)
             window = self.window(backend, 1, place, shape)
-            return self.sample(self.frame(window, index), light, pattern=True)
+            return self.sample(Frame(self.exposure, window, 1, index), light, pattern=True)
 
         whole = made()
         made(index=6)
@@ -257,7 +253,11 @@ class Trial:
             chips = [
                 self.window(NUMPY_FLOAT64, 2 * pair + chip, (row, column)) for chip in (0, 1)
             ]
-            frames = [self.frame(chip, index) for chip in chips for index in indices]
+            frames = [
+                Frame(self.exposure, chip, chip.serial, index)
+                for chip in chips
+                for index in indices
+            ]
             for number, light in enumerate(lights):
                 a, b, c, d = (self.sample(frame, light)[inside] for frame in frames)
                 found[pair, number] = (
