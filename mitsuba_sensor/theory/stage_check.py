@@ -181,7 +181,8 @@ class Trial:
 
         pattern : True for an input that differs from pixel to pixel.
         """
-        window, backend = frame.window, frame.window.backend
+        window = frame.window
+        backend = window.backend
         uneven = np.sin(1.7 * window.rows[:, None] + 2.3 * window.columns) if pattern else 0.0
         parts = (
             backend.from_numpy(np.full(window.shape, x) * (1 + 0.1 * uneven), window)
@@ -209,8 +210,8 @@ class Trial:
         def made(
             backend: Backend = NUMPY_FLOAT32, top: int = 0, left: int = 0, index: int = 5
         ) -> Float64Array:
-            place, shape = (row + top, column + left), (rows - top, columns - left)
-            window = self.window(backend, 1, place, shape)
+            shape = rows - top, columns - left
+            window = self.window(backend, 1, (row + top, column + left), shape)
             return self.sample(Frame(self.exposure, window, 1, index), light, pattern=True)
 
         whole = made()
@@ -242,7 +243,7 @@ class Trial:
         sensor units."""
         edge, random = self.stage.reach_px, np.random.default_rng(1)
         sensor = np.array([self.camera.sensor.rows, self.camera.sensor.columns])
-        free = sensor - np.array(self.shape, dtype=int)
+        free = sensor - self.shape
         inside = tuple(
             slice(edge, n - edge) if n > 2 * edge else slice(None) for n in self.shape
         )
