@@ -176,16 +176,13 @@ class Trial:
         size = shape or self.shape
         return SensorWindow(serial, size, origin, backend=backend, camera=self.camera.name)
 
-    def frame(self, window: SensorWindow, index: int) -> Frame:
-        """Return a frame of one sensor unit."""
-        return Frame(self.exposure, window, window.serial, index)
-
     def sample(self, frame: Frame, light: float, pattern: bool = False) -> Float64Array:
         """Return the signal after the stage in one frame, shape (H, W). Raises InputError unless it is finite.
 
         pattern : True for an input that differs from pixel to pixel.
         """
-        window, backend = frame.window, frame.window.backend
+        window = frame.window
+        backend = window.backend
         uneven = np.sin(1.7 * window.rows[:, None] + 2.3 * window.columns) if pattern else 0.0
         parts = (
             backend.from_numpy(np.full(window.shape, x) * (1 + 0.1 * uneven), window)
@@ -213,9 +210,9 @@ class Trial:
         def made(
             backend: Backend = NUMPY_FLOAT32, top: int = 0, left: int = 0, index: int = 5
         ) -> Float64Array:
-            place, shape = (row + top, column + left), (rows - top, columns - left)
-            window = self.window(backend, 1, place, shape)
-            return self.sample(self.frame(window, index), light, pattern=True)
+            shape = rows - top, columns - left
+            window = self.window(backend, 1, (row + top, column + left), shape)
+            return self.sample(Frame(self.exposure, window, 1, index), light, pattern=True)
 
         whole = made()
         made(index=6)
@@ -246,7 +243,7 @@ class Trial:
         sensor units."""
         edge, random = self.stage.reach_px, np.random.default_rng(1)
         sensor = np.array([self.camera.sensor.rows, self.camera.sensor.columns])
-        free = sensor - np.array(self.shape, dtype=int)
+        free = sensor - self.shape
         inside = tuple(
             slice(edge, n - edge) if n > 2 * edge else slice(None) for n in self.shape
         )
@@ -257,7 +254,11 @@ class Trial:
             chips = [
                 self.window(NUMPY_FLOAT64, 2 * pair + chip, (row, column)) for chip in (0, 1)
             ]
-            frames = [self.frame(chip, index) for chip in chips for index in indices]
+            frames = [
+                Frame(self.exposure, chip, chip.serial, index)
+                for chip in chips
+                for index in indices
+            ]
             for number, light in enumerate(lights):
                 a, b, c, d = (self.sample(frame, light)[inside] for frame in frames)
                 found[pair, number] = (

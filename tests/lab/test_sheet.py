@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.bench.sheet import light, modulation, patches
-from mitsuba_sensor.bench.sheet.chart import Chart, Setting
-from mitsuba_sensor.bench.sheet.charts import CHARTS, chosen_charts
+from mitsuba_sensor.bench.sheet.chart import Setting
+from mitsuba_sensor.bench.sheet.charts import chosen_charts
 from mitsuba_sensor.bench.sheet.comparison import Sheet, compared
 from mitsuba_sensor.bench.sheet.light import ChartScene, fingerprint, light_of
 from mitsuba_sensor.bench.sheet.page import sheet_study
@@ -53,7 +53,6 @@ CROSSTALK = [[0, 0.03, 0], [0.03, 0.88, 0.03], [0, 0.03, 0]]
 GLARE = {"lens.veiling_glare": 0.1, "lens.glare_width_mm": 0.05}
 HEIGHTS_MM = np.linspace(0, 0.36, 37)
 
-QUICK = "edge_columns", "star", "steps", "grey", "led"
 SHIPPED_SAMPLES = modulation.EDGE_SPP
 
 
@@ -101,18 +100,14 @@ def sheet(tiny_file: str) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(
-    ("charts", "least"), [(chosen_charts(QUICK), 10), exhaustive(CHARTS, 30)]
-)
-def test_every_chart_of_a_small_camera_agrees_with_theory(
-    charts: Sequence[Chart], least: int
-) -> None:
+def test_charts_of_a_small_camera_agree_with_theory() -> None:
     """One figure beyond its limit once in 100 sheets, the seed is fixed."""
+    charts = chosen_charts(["edge_columns", "star", "steps", "grey", "led"])
     parts = simulated_sheet(SMALL, [setting(SMALL)], charts, lambda *_: None)
-    assert [part.name for part in parts] == [one.name for one in charts if one.filters == 1]
+    assert [part.name for part in parts] == [one.name for one in charts]
     study = sheet_study(SMALL.name, parts)
     assert study.passed and not study.missing, study.findings
-    assert sum(bool(row["mark"]) for row in study.data["rows"]) > least
+    assert sum(bool(row["mark"]) for row in study.data["rows"]) > 10
 
 
 def test_the_command_writes_page_json_and_csv_and_renders_once(
@@ -190,9 +185,7 @@ def test_charge_and_light_that_spread_have_the_modulation_of_theory(
 ) -> None:
     side = 208 if "star" in charts else 64
     found = compared_rows(resized(TINY, side, side, **fields), *charts)
-    plain = compared_rows(resized(TINY, side, side), *charts)
-    nyquist = "", "MTF(0.5)"
-    assert abs(theory(found[nyquist]) - theory(plain[nyquist])) > 0.02
+    assert abs(theory(found["", "MTF(0.5)"]) - 2 / np.pi) > 0.02  # of pixels alone
 
 
 @pytest.mark.exhaustive

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
-from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.lab.measure.image_quality.step_chart import StepChart
@@ -38,11 +36,10 @@ def test_a_curved_response_has_its_linearity_error_and_uneven_light_is_no_noise(
     np.testing.assert_allclose(chart_of(3000 * STEPS, extra=slope).patches.total, 1.0, atol=0.1)
 
 
-@pytest.mark.parametrize("bend", [exhaustive(0.0), 0.01])
-def test_the_largest_deviation_has_an_interval_that_holds(bend: float) -> None:
+def test_the_largest_deviation_has_an_interval_that_holds() -> None:
     """80 charts of patches of 8 × 8 pixels each: 95 of 100 intervals hold, fewer than 86 once in 2000 tests. The
     interval of the largest patch alone holds 0 in 40."""
-    signal = 3000 * STEPS * (1 - bend * STEPS)
+    signal = 3000 * STEPS * (1 - 0.01 * STEPS)
     line = STEPS * (signal @ STEPS) / (STEPS @ STEPS)
     bright = line > 0.05 * line.max()
     true = float(100 * np.abs(signal / np.maximum(line, 1e-9) - 1)[bright].max())

@@ -66,6 +66,7 @@ def test_a_photodiode_has_half_of_the_well_and_of_the_dark_current() -> None:
     assert electrons(right).mean() == pytest.approx(220, abs=1)
 
 
+@pytest.mark.usefixtures("few_windows")
 def test_theory_clean_frame_and_budget_are_those_of_a_photodiode() -> None:
     """Theory of the left one against 120 000 of its pixels, five standard errors; picture as of a plain camera."""
     camera = dual()

@@ -13,7 +13,6 @@ from helpers import KEEP
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import backend_problem
 from mitsuba_sensor.stages.chain import chain
-from mitsuba_sensor.stages.gains import gain_dn_per_e
 
 EXPOSURE = ms.Exposure(0.1)
 pytestmark = pytest.mark.usefixtures("few_windows")
@@ -58,23 +57,6 @@ def test_intermediate_signals_come_on_request_and_belong_together() -> None:
         np.floor(adc.black_level_dn + frames.volts * adc.gain_dn_per_v + 0.5), 0, 4095
     )
     np.testing.assert_array_equal(frames.digital, code)
-
-
-def test_without_noise_the_frame_is_the_closed_form() -> None:
-    """Every source off but the shot noise, which the kept electrons show: DN = round(black level + K·N)."""
-    quiet = CAMERA.replace(
-        **{
-            "pixel.prnu": 0.0,
-            "readout.dsnu_col": 0.0,
-            "source_follower.white_nv_per_rthz": 0.0,
-        },
-        **{"adc.black_level_dn": 50.25},
-    )
-    frames = ms.expose(
-        np.linspace(0, 60_000, 300).reshape(10, 30), quiet, EXPOSURE, keep=("electrons",)
-    )
-    expected = np.minimum(np.floor(50.25 + gain_dn_per_e(quiet) * frames.electrons + 0.5), 4095)
-    np.testing.assert_array_equal(frames.digital, expected)
 
 
 def test_the_report_is_json_with_photons_gain_and_counts() -> None:

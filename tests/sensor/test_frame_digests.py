@@ -9,11 +9,11 @@ from __future__ import annotations
 import hashlib
 import json
 import warnings
+from itertools import product
 
 import numpy as np
 import pytest
 from helpers import DATA
-from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import backend_problem
@@ -83,8 +83,7 @@ def digests(name: str, engine: str) -> list[str]:
 NAMES = [*ms.list_cameras(), *VARIANTS]
 
 
-CASES = [(name, engine) for engine in list(ENGINES)[:2] for name in NAMES]
-CASES += one_in(3, [(name, "drjit") for name in NAMES], several=True)
+CASES = [*product(NAMES, ("float64", "numpy")), *product(NAMES[::3], ["drjit"])]
 """Of the compiled engine a third: that it has the bytes of NumPy is tested in test_backends.py."""
 
 

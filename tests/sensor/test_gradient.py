@@ -318,7 +318,7 @@ BEHIND = (
 
 
 @pytest.mark.parametrize("end", ENDS)
-@pytest.mark.parametrize("sigma_dn", one_in(4, [0.3, 0.1, 1.05, 2.0]))
+@pytest.mark.parametrize("sigma_dn", [0.3, exhaustive(1.05)])
 def test_at_edges_and_clips_the_slopes_are_those_of_an_enumeration(
     end: str, sigma_dn: float
 ) -> None:
@@ -341,10 +341,9 @@ def test_at_edges_and_clips_the_slopes_are_those_of_an_enumeration(
             assert found == pytest.approx(exact, rel=0.03, abs=room), name
 
 
-@pytest.mark.parametrize("sigma_dn", [0.3, exhaustive(2.0)])
-def test_derivatives_of_codes_and_of_their_squares_have_the_right_mean(sigma_dn: float) -> None:
+def test_derivatives_of_codes_and_of_their_squares_have_the_right_mean() -> None:
     """Over a quarter of a million pixels in 20 electrons, within 5 standard errors."""
-    camera = bare_camera(sigma_dn, adc__black_level_dn=2.0)
+    camera = bare_camera(0.3, adc__black_level_dn=2.0)
     mean, _ = mean_and_variance(camera, 20.0)
     frame = differentiable(
         np.full((512, 512), 20.0 / QE), camera, EXPOSURE, ("photons", *BEHIND)
@@ -356,12 +355,11 @@ def test_derivatives_of_codes_and_of_their_squares_have_the_right_mean(sigma_dn:
             assert abs(moved.mean() - what) < SURE * moved.std() / 512 + 2e-3 * abs(what) + 1e-3
 
 
-@pytest.mark.parametrize("sigma_dn", [0.2, exhaustive(2.0)])
 def test_strips_of_rows_have_the_derivatives_of_the_whole(
-    sigma_dn: float, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     names = ("photons", "pixel.prnu", "readout.sense_gain_uv_per_e")
-    camera = bare_camera(sigma_dn).replace(**{"pixel.prnu": 0.01})
+    camera = bare_camera(0.2).replace(**{"pixel.prnu": 0.01})
     light = np.linspace(50.0, 900.0, 37 * 41).reshape(37, 41)
     frames = differentiable(light, camera, EXPOSURE, names, seed=4, serial=9, origin=(6, 2))
     target = np.float32(30.0) + np.arange(37 * 41, dtype=np.float32).reshape(37, 41) % 7

@@ -20,7 +20,7 @@ TABLE1 = ms.load_camera("konnik_table1").replace(
 )
 EXPOSURE = ms.Exposure(0.1)
 SHAPE = (200, 300)
-few = pytest.mark.usefixtures("few_windows")
+pytestmark = pytest.mark.usefixtures("few_windows")
 RICH = {
     "pixel.prnu": 0.01, "dark_current.cv": 0.4, "readout.dsnu_row": 0.001, "pixel.dsnu_e": 10.0,
     "readout.prnu_col": 0.002, "dark_current.rts_fraction": 0.1, "dark_current.rts_amplitude_e_per_s": 500.0,
@@ -70,7 +70,6 @@ def test_rows_add_up_to_the_variances_of_the_frames(name: str) -> None:
     assert all(math.isfinite(x) for row in budget.rows for x in row[1:])
 
 
-@few
 def test_a_source_that_is_switched_off_is_without_effect_and_the_others_stay() -> None:
     """The same random numbers: rows of other sources change by what rounding of float32 does."""
     on = TABLE1.replace(**{**RICH, "dark_current.rts_fraction": 0.0})
@@ -89,7 +88,6 @@ def test_a_source_that_is_switched_off_is_without_effect_and_the_others_stay() -
         )
 
 
-@few
 def test_pixels_that_are_clipped_do_not_count_and_the_budget_says_how_many() -> None:
     """Half of the pixels in light beyond the full well: the rows are those of the other half."""
     light = np.full(SHAPE, 20_000.0)
@@ -113,7 +111,6 @@ def test_pixels_that_are_clipped_do_not_count_and_the_budget_says_how_many() -> 
     assert [row.source for row in full.rows] == ["total"]
 
 
-@few
 def test_a_budget_is_that_of_its_frames_and_of_each_readout() -> None:
     later = frames_of(TABLE1, first_frame=3)
     assert later.noise_budget().change_of("source follower noise").shape == SHAPE

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers import EACH_KIND
-from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.theory.plan_trial import Effect
@@ -31,8 +30,7 @@ def effects_of(plan: ms.Plan) -> dict[str, Effect]:
 # -- what is left out --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", EACH_KIND[:2])
-@pytest.mark.parametrize("light", [0.0, 1e5])
+@pytest.mark.parametrize(("name", "light"), zip(EACH_KIND[:2], [0.0, 1e5], strict=True))
 @few
 def test_without_tolerance_the_planned_frame_is_the_whole_frame_bit_for_bit(
     name: str, light: float
@@ -47,10 +45,7 @@ def test_without_tolerance_the_planned_frame_is_the_whole_frame_bit_for_bit(
     assert {one.reason for one in plan.effects if not one.kept} <= {"has no effect here"}
 
 
-@pytest.mark.parametrize(
-    ("name", "tolerance"),
-    [("konnik_table1", 0.02), exhaustive("bayer_2mp", 0.5), ("eev_44_82", 50.0)],
-)
+@pytest.mark.parametrize(("name", "tolerance"), [("konnik_table1", 0.02), ("eev_44_82", 50.0)])
 def test_all_that_is_left_out_together_moves_no_pixel_by_more_than_the_tolerance(
     name: str, tolerance: float
 ) -> None:
@@ -150,7 +145,7 @@ def test_one_hot_pixel_of_a_measured_map_keeps_its_stage() -> None:
 
 @pytest.mark.parametrize(
     ("shape", "place", "is_kept"),
-    [((9, 9), (3, 3), True), ((10, 10), (3, 3), True), ((1, 4), (0, 0), False)],
+    [((9, 9), (3, 3), True), ((1, 4), (0, 0), False)],
 )
 @few
 def test_one_bright_pixel_is_looked_at_under_every_filter(

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
 
@@ -51,7 +50,7 @@ def codes_by_light(camera: ms.Camera, levels: np.ndarray, pixels: int = 256) -> 
     return (x.mean(axis=0, dtype=float) for x in (frames.clean, frames.temporal_variance))
 
 
-@pytest.mark.parametrize("level_e", [20_000.0, exhaustive(33_000.0), 60_000.0])
+@pytest.mark.parametrize("level_e", [20_000.0, 60_000.0])
 def test_theory_has_the_noise_of_frames_where_the_gains_are_saturated(level_e: float) -> None:
     """The high gain at its largest code, then the full well too: σ within 1 %, where the low gain alone shows."""
     frames = ms.expose(electrons(level_e, (64, 64)), dual_gain(), SHORT, frames=25)
@@ -105,8 +104,7 @@ def test_mean_and_noise_of_the_combination_follow_the_closed_form(
     )  # five standard errors of 20 000 pixels, of laws that are not normal
 
 
-@pytest.mark.parametrize("level_e", [exhaustive(400.0), 900.0])
-def test_readouts_of_one_charge_share_the_noise_of_a_quantum_yield(level_e: float) -> None:
+def test_readouts_of_one_charge_share_the_noise_of_a_quantum_yield() -> None:
     """An interaction frees three electrons, and both read-outs have all of them. Of 20 000 pixels, within 4 %: the
     variance is known to 1 %."""
     camera = dual_gain(
@@ -116,7 +114,7 @@ def test_readouts_of_one_charge_share_the_noise_of_a_quantum_yield(level_e: floa
             "combine.blend_from": [0.2],
         }
     ).without("dsnu_pixel", "dsnu_column", "dsnu_row", "prnu_column")
-    photons = ms.Photons(np.full((100, 200, 1), level_e / 0.3), np.array([450.0]))
+    photons = ms.Photons(np.full((100, 200, 1), 900.0 / 0.3), np.array([450.0]))
     frames = ms.expose(photons, camera, SHORT)
     assert frames.temporal_variance.mean() == pytest.approx(frames.digital.var(), rel=0.04)
     assert frames.clean.mean() == pytest.approx(

@@ -7,7 +7,6 @@ import json
 import matplotlib
 import numpy as np
 import pytest
-from helpers.marks import exhaustive
 from typer.testing import CliRunner
 
 import mitsuba_sensor as ms
@@ -35,9 +34,7 @@ def test_spatial_noise_is_the_prnu_of_the_signal_where_there_is_much() -> None:
     assert curve.total_snr == pytest.approx(1 / np.hypot(1 / curve.snr, share))
 
 
-@pytest.mark.parametrize(
-    "camera", ["konnik_table1", "scmos_dual_gain", exhaustive("proem_hs_1024b")]
-)
+@pytest.mark.parametrize("camera", ["konnik_table1", "scmos_dual_gain"])
 @few
 def test_every_camera_has_a_curve_that_rises_below_saturation(camera: str) -> None:
     levels = np.geomspace(1, 0.9 * ms.load_camera(camera).saturation_e, 3)
@@ -58,11 +55,11 @@ def test_the_command_budget_sweeps_the_levels_of_light() -> None:
 @few
 def test_plots_draw_the_numbers() -> None:
     matplotlib.use("Agg")
-    camera = ms.load_camera("konnik_table1")
-    curve = ms.snr_curve(camera, electrons=LEVELS)
+    camera, levels = ms.load_camera("konnik_table1"), LEVELS[::4]
+    curve = ms.snr_curve(camera, electrons=levels)
     frames = ms.expose(np.full((16, 16), 3000.0), camera, ms.Exposure(0.01))
     np.testing.assert_array_equal(curve.plot().lines[0].get_ydata(), curve.snr)
-    assert curve.explain().count("\n") == len(LEVELS) + 1
+    assert curve.explain().count("\n") == len(levels) + 1
     assert f"{curve.snr[-1]:.5g}" in curve.explain() and "<td" in curve._repr_html_()
     counts = frames.plot().patches[0].get_data().values
     assert counts.sum() == frames.digital.size == frames.histogram().sum()

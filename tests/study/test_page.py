@@ -109,8 +109,6 @@ def test_an_axis_has_three_to_nine_labels_that_differ_and_holds_its_points(
     png(Plot("y versus x", "x [1]", "y [1]", (Line("one", points, points),)))
     values = [(x, x, x) for x in points]
     png(Dots("dots", "x [1]", ("a", "b"), {"one": values}, (low, "level"), log_x=True))
-    for figure in seen:
-        figure.draw_without_rendering()
     (plot,), (dots,) = (figure.axes for figure in seen)
     for axis in (plot.xaxis, plot.yaxis, dots.xaxis):
         start, end = axis.get_view_interval()

@@ -78,9 +78,9 @@ def test_changes_of_moments_are_those_of_mean_and_sigma() -> None:
 def ablated(tmp_path_factory: pytest.TempPathFactory) -> Study:
     with pytest.MonkeyPatch.context() as small:
         small.setattr(of_ablation, "TURNS", 2)
+        small.setattr(of_ablation, "PAIRS", 3)
         small.setattr(of_ablation, "SENSORS", 4)
         small.setattr(expected, "WINDOWS_MAX", 4)
-        small.setattr(expected, "WINDOWS", 4)
         return ablation(subject_of(tmp_path_factory.mktemp("scene")), silent, frames=4)
 
 
@@ -147,7 +147,6 @@ def worked(tmp_path_factory: pytest.TempPathFactory) -> Study:
         small.setattr(of_work, "TOLERANCES_DN", (None, 1.0))
         small.setattr(of_work, "SENSORS", 4)
         small.setattr(expected, "WINDOWS_MAX", 4)
-        small.setattr(expected, "WINDOWS", 4)
         subject = subject_of(tmp_path_factory.mktemp("scene"), variant=None)
         asked = {"seeds": 2, "variants": ["scalar_spectral"], "tolerance": 0.05}
         return work_precision(subject, silent, **asked)  # type: ignore[arg-type]

@@ -94,7 +94,7 @@ LAWS = {
         f"{family} dark current": dark(
             {"dark_current.cv": 0.3, "dark_current.distribution": family}, 1000.0, 300.0
         )
-        for family in ("gaussian", "lognormal", "gamma", "wald", "logistic")
+        for family in ("gaussian", "gamma", "wald")
     },
     "dark components": dark(
         {"dark_current.cv": 0.0, "dark_current.components": [UNIFORM]},
@@ -142,12 +142,6 @@ LAWS = {
         {
             "source_follower.read_noise_distribution": "tukey_lambda",
             "source_follower.read_noise_shape": -0.1,
-        }
-    ),
-    "Student's t": read(
-        {
-            "source_follower.read_noise_distribution": "student",
-            "source_follower.read_noise_shape": 6.0,
         }
     ),
     "rtn": Law(  # P(+A) = P(−A) = 0.8·0.3·0.7

@@ -7,10 +7,9 @@ import math
 import numpy as np
 import pytest
 import scipy.stats
-from helpers.engines import backend_of
-from helpers.marks import exhaustive
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.core.backend import NUMPY_FLOAT32
 from mitsuba_sensor.core.sensor_window import SensorWindow
 from mitsuba_sensor.stages.effects.radiation_hits import SCALE, RadiationHits
 
@@ -23,30 +22,26 @@ CHANCE = 1 - math.exp(-FLUX * 15e-4**2 * 2.0)
 """4.4 % of the pixels of 15 µm in two seconds."""
 
 
-def charges(precision: str, index: int = 0, flux: float = FLUX) -> np.ndarray:
+def charges(index: int = 0, flux: float = FLUX) -> np.ndarray:
     """What a million pixels without electrons have behind the stage [e-]."""
     stage = RadiationHits(flux * 1e-8, HIT_E, 225.0)
-    frame = ms.stages.Frame(
-        COLD, SensorWindow(1, (1000, 1000), backend=backend_of(precision)), index=index
-    )
-    dark = frame.window.backend.from_numpy(np.zeros((1000, 1000)), frame.window)
-    found = stage.sample(ms.stages.Electrons(dark, dark), frame)
-    return np.array(frame.window.backend.to_numpy(found.total, frame.window), np.float64)
+    window = SensorWindow(1, (1000, 1000), backend=NUMPY_FLOAT32)
+    dark = np.zeros((1000, 1000), np.float32)
+    frame = ms.stages.Frame(COLD, window, index=index)
+    return np.asarray(stage.sample(ms.stages.Electrons(dark, dark), frame).total, np.float64)
 
 
-@pytest.mark.parametrize("precision", ["float64", "numpy"])
-def test_as_many_pixels_are_hit_as_particles_cross_them(precision: str) -> None:
+def test_as_many_pixels_are_hit_as_particles_cross_them() -> None:
     """p = 1 − e^(−flux·area·t), within 4 standard errors of a million pixels: chance fails 1 in 16 000."""
-    hit = charges(precision) > 0
+    hit = charges() > 0
     error = math.sqrt(CHANCE * (1 - CHANCE) / hit.size)
     assert hit.mean() == pytest.approx(CHANCE, abs=4 * error)
 
 
-@pytest.mark.parametrize("precision", [exhaustive("float64"), "numpy"])
-def test_the_charge_of_a_hit_has_the_distribution_of_moyal(precision: str) -> None:
+def test_the_charge_of_a_hit_has_the_distribution_of_moyal() -> None:
     """Kolmogorov's test against scipy's at 1 in 10 000, of 22 000 charges that are spread over their electron again; of
     these pixels 0.6 % are hit twice."""
-    found = np.concatenate([charges(precision, index, FLUX / 4).ravel() for index in range(2)])
+    found = np.concatenate([charges(index, FLUX / 4).ravel() for index in range(2)])
     hits_e = found[found > 0] + np.random.default_rng(3).uniform(-0.5, 0.5, (found > 0).sum())
     law = scipy.stats.moyal(HIT_E, SCALE * HIT_E)
     assert hits_e.size > 15_000
