@@ -512,8 +512,8 @@ TOKENS_MAX = {
     "sensor": 13837,
     "stages": 31947,
     "study": 9227,
-    "tests": 343831,
-    "theory": 14676,
+    "tests": 343065,
+    "theory": 14637,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
 TOKENS_SLACK = 0.03
