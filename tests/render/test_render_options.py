@@ -111,25 +111,6 @@ def test_a_camera_that_is_named_is_told_what_it_leaves_of_the_file(tmp_path: Pat
     assert not any("not used" in note for note in own.statistics.notes)
 
 
-def test_a_width_that_is_given_means_bands_also_where_channels_are_usual() -> None:
-    options = {
-        "parameters": SMALL,
-        "spp": 16,
-        "variant": "scalar_spectral",
-    }
-    scene = SCENES / "cornell_box.xml"
-    assert (
-        next(ms.render_frames(scene, TABLE1, EXPOSURE, **options)).light.statistics.spectral
-        == "channels"
-    )
-    assert (
-        next(
-            ms.render_frames(scene, TABLE1, EXPOSURE, bandwidth_nm=100, **options)
-        ).light.statistics.spectral
-        == "cube"
-    )
-
-
 def test_a_quantum_yield_has_bands_with_a_render_for_every_frame() -> None:
     camera = TABLE1.replace(**{"quantum_efficiency.quantum_yield": [2.0, 1.0]})
     options = {"parameters": SMALL, "spp": 16, "variant": "scalar_spectral"}
