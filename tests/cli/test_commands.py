@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from helpers.marks import one_in
 from helpers.scenes import SCENES
 from PIL import Image
 from rich.console import Console
@@ -143,13 +142,6 @@ def test_the_raw_file_is_as_wide_as_the_converter_and_open_to_all_whom_the_umask
     mask = os.umask(0)
     os.umask(mask)
     assert (tmp_path / "frame.tiff").stat().st_mode & 0o777 == 0o666 & ~mask
-
-
-@pytest.mark.parametrize("name", one_in(20, ms.list_cameras()))
-def test_every_camera_that_ships_takes_a_picture(
-    name: str, light_file: Path, tmp_path: Path, cli: Cli
-) -> None:
-    assert cli("expose", light_file, "-o", tmp_path, "--camera", name).exit_code == 0
 
 
 def test_a_tolerance_leaves_out_what_the_plan_says(

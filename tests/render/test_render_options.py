@@ -18,7 +18,6 @@ from helpers.scenes import (
 
 import mitsuba_sensor as ms
 from mitsuba_sensor import expose
-from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
 
 TABLE1, BAYER, EXPOSURE = (
     ms.load_camera("konnik_table1"),
@@ -71,15 +70,6 @@ def test_the_width_is_that_of_the_image_and_its_view_stays(
     rows = max(round(4 * width / 6), 1)
     assert light.data.shape[:2] == (rows, width)
     np.testing.assert_allclose(light.origin, np.multiply((y, x), width / 6), atol=0.5)
-
-
-def test_where_a_crop_lies_survives_the_file(tmp_path: Path) -> None:
-    path = write_scene(tmp_path, scene_text(SKY, film=cropped(3, 1)))
-    light = ms.render(
-        path, BAYER, EXPOSURE, bandwidth_nm=100, spp=16, variant="scalar_spectral"
-    )
-    write_irradiance_exr(tmp_path / "light.exr", light)
-    assert read_irradiance_exr(tmp_path / "light.exr").origin == (1, 3)
 
 
 def test_a_scene_unit_that_is_given_holds_for_the_camera_of_the_file_too() -> None:
