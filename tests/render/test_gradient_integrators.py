@@ -81,6 +81,7 @@ def test_it_may_be_named_in_a_dict_be_an_object_or_be_loaded() -> None:
         np.testing.assert_allclose(other, first, rtol=1e-5)
 
 
+@pytest.mark.exhaustive
 def test_the_command_line_renders_it(tmp_path: Path, cli: Callable[..., Any]) -> None:
     ready()
     scene = write_scene(tmp_path, text_of("prb"))

@@ -156,6 +156,7 @@ def test_glass_polarises_as_fresnel_says(
     assert aolp_deg(light) == pytest.approx(0, abs=0.4)
 
 
+@pytest.mark.exhaustive
 def test_it_is_the_light_of_mitsubas_stokes_vectors() -> None:
     """A ball of glass in a wide field of view of a rolled camera: the polarisers' pixels are S0 + S1 cos 2θ + S2 sin 2θ
     of Mitsuba's own integrator, within the noise of both, 2 % of S0 in the mean."""
