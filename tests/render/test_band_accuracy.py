@@ -178,21 +178,6 @@ def test_electrons_of_a_laser_follow_its_own_wavelength(
         assert found == pytest.approx(total, rel=1e-3)
 
 
-@pytest.mark.exhaustive
-def test_electrons_of_a_lamp_of_lines_do_not_depend_on_the_bands(tmp_path: Path) -> None:
-    path = flat_field(tmp_path, SPECTRA["mercury lamp"])
-    found = [electrons_of(rendered(path, BAYER, nm, 512)[0], BAYER) for nm in (5.0, 50.0)]
-    np.testing.assert_allclose(*found, rtol=1e-3)  # float32 wavelengths
-
-
-@pytest.mark.exhaustive
-def test_groups_of_a_cube_add_up(tmp_path: Path) -> None:
-    """Filters are integrated in each group of bands apart: their sum to 1 %; the seed is fixed."""
-    light, view = rendered(flat_field(tmp_path, SPECTRA["sloped"]), BAYER, 20.0, 4096, "cube")
-    found = means_per_sr(light, BAYER, view)
-    np.testing.assert_allclose(found, expected_e(BAYER, SPECTRA["sloped"]), rtol=1e-2)
-
-
 def test_another_camera_is_told_its_error(tmp_path: Path) -> None:
     """The error of wide bands is stated, of the right size, and narrower bands have less of it."""
     path, other = flat_field(tmp_path, SPECTRA["sloped"]), ms.load_camera("rgbir_2mp")
