@@ -266,6 +266,7 @@ def test_poses_of_one_world_are_together_with_their_depths(made: Path, tmp_path:
     assert len([*(tmp_path / "out").rglob("transforms.json")]) == len(worlds)
 
 
+@pytest.mark.exhaustive
 def test_hugging_face_reads_the_bits_of_every_frame(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -258,7 +258,8 @@ def test_colour_filters_and_polarisers_repeat_each_in_their_own_tile() -> None:
             assert angle == pytest.approx(-30, abs=2)
 
 
-@pytest.mark.parametrize("denoise", [exhaustive(False), True])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("denoise", [False, True])
 def test_denoising_keeps_the_polarisation(denoise: bool) -> None:
     """The picture of each polariser is denoised for itself, and keeps the sum of its light."""
     text = floor_seen_at(70.0, 20.0, size=(64, 48))

@@ -147,6 +147,7 @@ def edge_px(digital: np.ndarray, even: np.ndarray) -> float:
     return float(profile.sum() / profile[:8].mean())
 
 
+@pytest.mark.exhaustive
 def test_a_moving_edge_is_where_it_is_in_the_middle_of_each_exposure(
     tmp_path: Path, flat: ms.Irradiance
 ) -> None:
@@ -202,6 +203,7 @@ def test_all_exposures_of_a_frame_fit_into_its_period(flat: ms.Irradiance) -> No
         PLAIN.replace(readouts=[READOUTS[0], {"name": "low", "gap_us": 5.0}])
 
 
+@pytest.mark.exhaustive
 def test_automatic_exposure_leaves_time_for_the_later_exposures(flat: ms.Irradiance) -> None:
     captured = ms.capture(
         flat,
