@@ -45,8 +45,9 @@ SMALL = {
 """What the commands of the pages get in addition here."""
 
 LONG_PAGES = {
-    *("exports-and-training", "exposure-and-colour", "hdr", "image-quality", "lab"),
-    *("light-and-time", "noise-budget", "optics-and-pixels", "rendering"),
+    *("datasets", "exports-and-training", "exposure-and-colour", "frames", "hdr"),
+    *("image-quality", "lab", "light-and-time", "noise-budget", "optics-and-pixels"),
+    *("rendering", "start"),
 }
 """Their commands and calls are those of other pages, with other options; or have tests of their own."""
 
