@@ -100,23 +100,6 @@ def test_irradiance_is_written_small_or_not_at_all(scene_file: Path, tmp_path: P
     assert (tmp_path / "half" / "irradiance.exr").exists()
 
 
-def test_light_that_is_there_already_gives_the_same_frames(
-    captured: ms.Capture, tmp_path: Path
-) -> None:
-    """From the file, and from the object; and no irradiance.exr is written again."""
-    captured.save(tmp_path)
-    for source in (tmp_path / "irradiance.exr", captured.light):
-        again = ms.capture(source, CAMERA, EXPOSURE, seed=3, serial=4, frames=2)
-        np.testing.assert_array_equal(again.frames.digital, captured.frames.digital)
-    again.save(tmp_path / "again")
-    assert {path.name for path in (tmp_path / "again").iterdir()} == {
-        "frame.tiff",
-        "frame.png",
-        "frame_brightened.png",
-        "frame.json",
-    }
-
-
 def test_frames_with_a_render_each_are_those_of_render_frames(scene_file: Path) -> None:
     asked = {"frames": 2, **RENDER}
     found = ms.capture(scene_file, CAMERA, EXPOSURE, render_noise="per-frame", **asked)

@@ -45,8 +45,9 @@ SMALL = {
 """What the commands of the pages get in addition here."""
 
 LONG_PAGES = {
-    *("exports-and-training", "exposure-and-colour", "hdr", "image-quality", "lab"),
-    *("light-and-time", "noise-budget", "optics-and-pixels", "rendering"),
+    *("datasets", "exports-and-training", "exposure-and-colour", "frames", "hdr"),
+    *("image-quality", "lab", "light-and-time", "noise-budget", "optics-and-pixels"),
+    *("rendering", "start"),
 }
 """Their commands and calls are those of other pages, with other options; or have tests of their own."""
 
@@ -88,11 +89,11 @@ def run(command: str, cli: Callable[..., Any]) -> None:
 
 
 def run_python(text: str, names: dict[str, Any]) -> None:
-    """The user's variant of Mitsuba is current again afterwards.
+    """Run a block with images of 36 columns; the variant of Mitsuba is that of before afterwards.
 
     PyTorch is no dependency: what is for it is read alone, where it is not there.
     """
-    code = compile(re.sub(r"\bwidth=\d+", "width=16", text), "page", "exec")
+    code = compile(re.sub(r"\bwidth=\d+", "width=36", text), "page", "exec")
     if "import torch" not in text or importlib.util.find_spec("torch") is not None:
         use(choose_variant("scalar_spectral"))
         with variant_restored():

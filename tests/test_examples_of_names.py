@@ -37,7 +37,7 @@ def examples(docstring: str) -> Iterator[str]:
         yield textwrap.dedent(block)
 
 
-@pytest.mark.parametrize("name", [exhaustive(x) if x == "Plan" else x for x in NAMES])
+@pytest.mark.parametrize("name", [exhaustive(x) if x in ("Plan", "plan") else x for x in NAMES])
 def test_a_public_name_has_an_example_that_runs(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -119,7 +119,7 @@ def test_figures_and_measurements_show_their_numbers() -> None:
         assert " ".join((one.name, one.symbol, f"{one.value:.4g}")) in " ".join(
             shown(figures)[0].text.split()
         )
-    camera = MONO.replace(**{"sensor.rows": 40, "sensor.columns": 48})
+    camera = MONO.replace(**{"sensor.rows": 24, "sensor.columns": 32})
     (measured,) = ms.lab.measure_bench(virtual_bench(camera, Setup()))
     assert len(repr(measured)) < 160 and "\n" not in repr(measured)
     text = " ".join(shown(measured)[0].text.split())

@@ -25,7 +25,6 @@ from helpers.pages import fenced, lines
 from PIL import Image
 
 import mitsuba_sensor as ms
-from mitsuba_sensor.render.variants import variant_restored
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 FIRST = "mitsuba-sensor render scenes/first_frame.xml -o out/"
@@ -60,10 +59,7 @@ COMMANDS = [made_small(line) for line in (FIRST, *INLINE) if " study " not in li
 """Studies take minutes, and have tests of their own."""
 
 
-LATER = [
-    line if re.search("out/night|cameras new", line) else exhaustive(line)
-    for line in COMMANDS[1:]
-]
+LATER = [line if "cameras new" in line else exhaustive(line) for line in COMMANDS[1:]]
 """The first command is run by itself."""
 
 
@@ -205,7 +201,7 @@ def test_an_example_says_its_arguments_before_it_does_anything(
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=[path.stem for path in RUN])
 def test_an_example_writes_where_it_is_told_and_nowhere_else(
-    example: Path, checkout: Checkout, monkeypatch: pytest.MonkeyPatch
+    example: Path, checkout: Checkout
 ) -> None:
     arguments = SMALL.get(example.stem, [])
     if "out/irradiance.exr" in arguments and COMMANDS[0] not in checkout.ran:
@@ -215,9 +211,6 @@ def test_an_example_writes_where_it_is_told_and_nowhere_else(
     told.parent.mkdir(exist_ok=True)
     is_picture = 'metavar="PICTURE"' in example.read_text(encoding="utf-8")
     out = str(told.with_suffix(".png") if is_picture else told)
-    monkeypatch.chdir(checkout.folder)
-    monkeypatch.setattr(sys, "argv", [example.name, *arguments, "-o", out])
-    with variant_restored():
-        runpy.run_path(str(example), run_name="__main__")
+    checkout.run(shlex.join([sys.executable, str(example), *arguments, "-o", out]))
     written = {*checkout.folder.rglob("*")} - before - {told.parent}
     assert written and all(path.is_relative_to(told.parent) for path in written)

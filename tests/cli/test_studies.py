@@ -95,6 +95,7 @@ def test_the_options_of_the_command_reach_the_study(
     assert recorder.subject.options == {**same, "width": None}
 
 
+@pytest.mark.exhaustive
 def test_a_study_is_of_one_readout_of_a_camera_that_has_several(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -66,7 +66,7 @@ def in_python(call: str, light: Any, folder: Path) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize("row", one_in(2, ROWS))
+@pytest.mark.parametrize("row", one_in(4, ROWS))
 def test_a_wrong_input_is_one_line_exit_2_and_no_file(
     row: str, places: dict[str, str], light: Any, cli: Callable[..., Any], monkeypatch: Any
 ) -> None:

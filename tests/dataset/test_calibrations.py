@@ -120,6 +120,7 @@ def test_a_lens_has_the_coefficients_that_project_points_to_their_pixels(
     np.testing.assert_allclose(projected(calibration, pose(), points), middles, atol=fitted_px)
 
 
+@pytest.mark.exhaustive
 def test_the_statistics_of_a_render_have_the_pose_at_the_start_in_metres(
     tmp_path: Path,
 ) -> None:

@@ -37,6 +37,7 @@ def make(out: Path, **options: Any) -> dict[str, str]:
     return {name: x for name, x in contents(out).items() if durable.SCRATCH not in name}
 
 
+@pytest.mark.exhaustive
 def test_a_cluster_makes_what_this_process_makes(
     address: str, no_renders: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -44,6 +45,7 @@ def test_a_cluster_makes_what_this_process_makes(
     assert made == make(tmp_path / "here", workers=0) and len(made) == 42
 
 
+@pytest.mark.exhaustive
 def test_a_worker_of_another_version_is_refused_with_both_versions(
     address: str, no_renders: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -69,7 +69,7 @@ def fork(work: Callable[[], object]) -> Any:
 KILLS = signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP
 
 
-@pytest.mark.parametrize("kills", [8, exhaustive(60)])
+@pytest.mark.parametrize("kills", [4, exhaustive(60)])
 def test_a_run_that_is_killed_again_and_again_has_the_bytes_of_an_undisturbed_one(
     kills: int, made: Run, tmp_path: Path
 ) -> None:

@@ -45,6 +45,7 @@ def test_a_torn_file_counts_as_missing_and_is_written_over() -> None:
     assert read_kept("light") is not None
 
 
+@pytest.mark.exhaustive
 def test_two_processes_that_keep_the_same_leave_a_whole_file_at_every_time() -> None:
     keep("light", {"data": np.full(20_000, -1.0)})
     writers = [subprocess.Popen([sys.executable, "-c", KEEP_AGAIN]) for _ in range(2)]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 from colour_demosaicing import demosaicing_CFA_Bayer_Menon2007, masks_CFA_Bayer
+from helpers.marks import exhaustive
 from numpy.typing import NDArray
 
 import mitsuba_sensor as ms
@@ -95,7 +96,7 @@ def test_bayer_patterns_are_demosaiced_as_by_colour_demosaicing(
 
 
 @pytest.mark.parametrize("camera", [MONO, COLOUR, RGBIR], ids=lambda camera: camera.name)
-@pytest.mark.parametrize("origin", [(0, 0), (3, 1)])
+@pytest.mark.parametrize("origin", [exhaustive((0, 0)), (3, 1)])
 def test_a_preview_of_some_rows_at_a_time_is_that_of_the_whole_frame(
     camera: ms.Camera, origin: tuple[int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -18,7 +18,6 @@ from mitsuba_sensor.core.band_average import band_integrals
 from mitsuba_sensor.optics import spectra
 from mitsuba_sensor.optics.f_number_law import solid_angle_sr, transmittance
 from mitsuba_sensor.optics.intrinsics import View
-from mitsuba_sensor.output.exr import read_irradiance_exr, write_irradiance_exr
 from mitsuba_sensor.render.light.bands import choose_bands, with_filters
 from mitsuba_sensor.render.light.light_source import band_error, band_note
 from mitsuba_sensor.render.light.photons import photons_per_irradiance
@@ -179,19 +178,6 @@ def test_electrons_of_a_laser_follow_its_own_wavelength(
         assert found == pytest.approx(total, rel=1e-3)
 
 
-def test_electrons_of_a_lamp_of_lines_do_not_depend_on_the_bands(tmp_path: Path) -> None:
-    path = flat_field(tmp_path, SPECTRA["mercury lamp"])
-    found = [electrons_of(rendered(path, BAYER, nm, 512)[0], BAYER) for nm in (5.0, 50.0)]
-    np.testing.assert_allclose(*found, rtol=1e-3)  # float32 wavelengths
-
-
-def test_groups_of_a_cube_add_up(tmp_path: Path) -> None:
-    """Filters are integrated in each group of bands apart: their sum to 1 %; the seed is fixed."""
-    light, view = rendered(flat_field(tmp_path, SPECTRA["sloped"]), BAYER, 20.0, 4096, "cube")
-    found = means_per_sr(light, BAYER, view)
-    np.testing.assert_allclose(found, expected_e(BAYER, SPECTRA["sloped"]), rtol=1e-2)
-
-
 def test_another_camera_is_told_its_error(tmp_path: Path) -> None:
     """The error of wide bands is stated, of the right size, and narrower bands have less of it."""
     path, other = flat_field(tmp_path, SPECTRA["sloped"]), ms.load_camera("rgbir_2mp")
@@ -216,33 +202,6 @@ def test_a_line_in_a_band_is_bounded_for_another_camera(tmp_path: Path) -> None:
     light, _ = rendered(flat_field(tmp_path, SPECTRA["laser"]), BAYER, 20.0, 256)
     found = band_error(light, ms.load_camera("rgbir_2mp"))
     assert found.error_estimate > 0.05
-
-
-def test_the_factor_survives_the_file_and_its_absence_too(tmp_path: Path) -> None:
-    light, _ = rendered(flat_field(tmp_path, SPECTRA["mercury lamp"]), BAYER, 50.0, 64)
-    for number, one in enumerate((light, replace(light, in_band=None, response=None))):
-        write_irradiance_exr(tmp_path / f"{number}.exr", one)
-        again = read_irradiance_exr(tmp_path / f"{number}.exr")
-        np.testing.assert_array_equal(electrons_of(again, BAYER), electrons_of(one, BAYER))
-        assert (again.response, again.in_band is None) == (one.response, one.in_band is None)
-
-
-def test_expose_names_the_error_of_a_file_for_another_camera(tmp_path: Path) -> None:
-    light, _ = rendered(flat_field(tmp_path, SPECTRA["sloped"]), BAYER, 50.0, 64)
-    write_irradiance_exr(tmp_path / "light.exr", light)
-    own, other = (
-        ms.capture(tmp_path / "light.exr", ms.load_camera(name), EXPOSURE)
-        for name in ("bayer_2mp", "rgbir_2mp")
-    )
-    assert (
-        own.metadata["bands"]["error_estimate"] == 0 < other.metadata["bands"]["error_estimate"]
-    )
-    assert not any("not rendered for" in note for note in own.metadata["notes"])
-    for part in (
-        "not rendered for this camera",
-        "nothing was rendered beyond 390 to 710 nm, where the IR pixels",
-    ):
-        assert any(part in note for note in other.metadata["notes"])
 
 
 def test_what_is_known_of_a_pixel_holds_for_its_own_filter_only(tmp_path: Path) -> None:

@@ -246,6 +246,7 @@ def test_the_derivative_by_a_thin_lens_is_a_central_difference(
     compare(loss, value, 0.02 * value, 1024)
 
 
+@pytest.mark.exhaustive
 def test_a_likelihood_finds_an_albedo_in_5_electrons_where_least_squares_does_not() -> None:
     """Of 200 frames of 32 × 32 pixels, whose read noise of 3 e- is clipped at 0. The mean of the albedos that are most
     likely is right within its standard error; that of least squares is off by more than 10 of them. The seed is the

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.marks import one_in
 from helpers.scenes import skip_unless_usable, write_scene
 
 import mitsuba_sensor as ms
@@ -195,7 +196,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", one_in(2, SCENES))
 def test_every_plugin_renders_as_in_plain_mitsuba(folder: Path, name: str) -> None:
     mi = use(choose_variant("scalar_spectral"))
     path = write_scene(folder, f'<scene version="3.0.0">{SENSOR}{SCENES[name]}</scene>')

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers.marks import one_in
-from helpers.scenes import BALL, SKY, scene_text, skip_unless_usable, write_scene
+from helpers.scenes import BALL, SKY, scene_text, skip_unless_usable
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.core.llvm import drjit
@@ -79,24 +78,6 @@ def test_it_may_be_named_in_a_dict_be_an_object_or_be_loaded() -> None:
     first, *others = (ms.render(scene, CAMERA, EXPOSURE, **OPTIONS).data for scene in scenes)
     for other in others:
         np.testing.assert_allclose(other, first, rtol=1e-5)
-
-
-def test_the_command_line_renders_it(tmp_path: Path, cli: Callable[..., Any]) -> None:
-    ready()
-    scene = write_scene(tmp_path, text_of("prb"))
-    flags = (
-        "--camera",
-        "konnik_table1",
-        "--exposure-s",
-        "0.01",
-        "--spp",
-        "8",
-        "--variant",
-        "llvm_ad_spectral",
-    )
-    done = cli("render", scene, "-o", tmp_path / "out", *flags)
-    assert done.exit_code == 0, done.stderr
-    assert (tmp_path / "out" / "frame.tiff").is_file()
 
 
 def test_a_plugin_of_the_user_s_own_may_stand_in_a_dict() -> None:

@@ -23,7 +23,7 @@ from mitsuba_sensor.render.light.bands import box_bands
 from mitsuba_sensor.render.load.scene import Scene, load_scene
 from mitsuba_sensor.render.variants import choose_variant, use
 
-LLVM = "llvm_ad_spectral"
+LLVM, SCALAR = "llvm_ad_spectral", "scalar_spectral"
 RADIANCE = 2e-4  # of SKY [W m⁻² sr⁻¹ nm⁻¹]
 BAND = np.array([545.0, 555.0])
 
@@ -142,7 +142,7 @@ def test_what_is_in_focus_is_sharp_and_what_is_nearer_is_blurred_by_the_pupil(
 ) -> None:
     """All rays of a place meet at the focus distance; at half of it they are half a pupil radius from each other."""
     cam = camera(0.75, focus_m=2.0, f_number=8.0)
-    origins, ways, weights = rays(load(tmp_path, cam), (0.5, 0.5), EDGE)
+    origins, ways, weights = rays(load(tmp_path, cam, SCALAR), (0.5, 0.5), EDGE)
     ways, origins = ways[weights[:, 0] > 0], origins[weights[:, 0] > 0]
     assert len(ways) >= 4
     spread = []
@@ -171,6 +171,7 @@ def test_dispersion_refracts_blue_light_more_by_the_makers_index(tmp_path: Path)
             load(
                 tmp_path,
                 camera(0.01, **lens, dispersion=on),
+                SCALAR,
                 edges_nm=np.array([nm - 0.5, nm + 0.5]),
             )
             for on in (True, False)
@@ -190,7 +191,7 @@ def test_dispersion_refracts_blue_light_more_by_the_makers_index(tmp_path: Path)
 def test_rays_start_in_the_units_of_the_scene(tmp_path: Path) -> None:
     """In a scene in millimetres the front of the lens lies 20 units before the camera, not 0.02."""
     cam = camera(3.0)
-    in_metres = load(tmp_path, cam)
+    in_metres = load(tmp_path, cam, SCALAR)
     in_mm = load_scene(tmp_path / "scene.xml", box_bands(cam, BAND), {}, cam, "mm")
     (start, way, _), (start_mm, way_mm, _) = (
         rays(scene, (0.4, 0.6), EDGE[1:2]) for scene in (in_metres, in_mm)
@@ -203,7 +204,7 @@ def test_rays_start_in_the_units_of_the_scene(tmp_path: Path) -> None:
 def test_pixels_that_are_not_square_have_two_focal_lengths_in_k(tmp_path: Path) -> None:
     """Twice as high as wide: a place that is seen on the way of a ray is where K puts that ray."""
     cam = camera(1 / 3).replace(**{"pixel.pitch_y_um": 2000 / 3})
-    scene = load(tmp_path, cam)
+    scene = load(tmp_path, cam, SCALAR)
     matrix = np.array(intrinsics(scene.view, cam)["matrix"])
     assert matrix[1, 1] == pytest.approx(matrix[0, 0] / 2, rel=1e-12)
     _, ways, _ = rays(scene, (9 / 12, 6 / 8), np.array([[0.5, 0.5]]))

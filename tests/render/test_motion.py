@@ -2,8 +2,8 @@
 
 The picture is a bright half plane on black, seen by a perspective sensor of 24 columns and 60°: one metre beside the
 axis, at distance Z, is f/Z = 20.78/Z pixels. A column of the ramp has, with 8 passes of 16 samples and random instants,
-a standard error of at most 0.01 of the brightness, an edge found from a row of it at most 0.03 px: every bound below is
-more than five of them, and the seeds are fixed.
+a standard error of at most 0.01 of the brightness, an edge found from a row of it at most 0.03 px, and 0.04 px with 4
+passes: every bound below is more than five of them, and the seeds are fixed.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ def test_a_rolling_shutter_skews_by_speed_times_row_time_times_rows(
     moving = MovingScene(
         loaded(tmp_path, EDGE, variant=variant), fast, ROLLING, ms.Exposure(0.008)
     )
-    frame = picture(moving)
+    frame = picture(moving, 4)
     edges = frame.sum(axis=1)
     skew = np.polyfit(np.arange(ROWS), edges, 1)[0] * ROWS
     assert skew == pytest.approx(speed * 1e-3 * ROWS, abs=0.25)
@@ -138,7 +138,7 @@ def test_an_exposure_shorter_than_a_row_is_skewed_as_much_and_hardly_blurred(
 ) -> None:
     """Rows share the sub-frames within half a pixel of motion: each edge to 0.25 px, in at most three per pixel."""
     moving = MovingScene(loaded(tmp_path, EDGE), RIGHT["object"], ROLLING, ms.Exposure(1e-5))
-    edges = picture(moving).sum(axis=1)
+    edges = picture(moving, 4).sum(axis=1)
     np.testing.assert_allclose(
         edges, COLUMNS / 2 + SPEED_PX_PER_S * np.arange(ROWS) * 1e-3, atol=0.25
     )
@@ -161,7 +161,7 @@ def test_a_crop_sees_the_rows_of_the_full_frame_at_their_own_times(tmp_path: Pat
 
 
 @scalar_first
-@pytest.mark.parametrize("camera", [GLOBAL, ROLLING], ids=["global", "rolling"])
+@pytest.mark.parametrize("camera", one_in(2, [ROLLING, GLOBAL]), ids=["rolling", "global"])
 def test_motion_through_even_light_changes_nothing(
     tmp_path: Path, camera: Any, variant: str
 ) -> None:

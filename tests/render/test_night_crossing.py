@@ -108,6 +108,7 @@ def test_it_renders_with_130_dB_from_the_brightest_emitter_to_the_darkest_surfac
     assert 125 < 20 * np.log10(bright / dark) < 140
 
 
+@pytest.mark.exhaustive
 def test_another_camera_sees_it_too() -> None:
     """Its film does not depend on one camera; metered, because the gain differs."""
     options = {"width": 24, "spp": 16, "variant": "scalar_spectral", "denoise": False}

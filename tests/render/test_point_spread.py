@@ -120,9 +120,8 @@ def test_edges_have_the_response_of_lens_times_pixel(
     np.testing.assert_allclose(found, expected, atol=tolerance)
 
 
-@pytest.mark.parametrize(
-    ("aperture", "response"), [("square", 0.900), exhaustive("full", 0.637)]
-)
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(("aperture", "response"), [("square", 0.900), ("full", 0.637)])
 def test_a_square_of_a_quarter_of_the_pixel_has_0_9_at_nyquist(
     tmp_path: Path, aperture: str, response: float
 ) -> None:
@@ -370,6 +369,7 @@ def test_a_scalar_variant_traces_the_same_rays_slowly_and_says_so(
     np.testing.assert_allclose(*rays, rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.exhaustive
 def test_a_sequential_lens_has_the_disk_of_its_f_number(tmp_path: Path) -> None:
     """The double Gauss at f/16, focused at 5 m: rays around the middle of the film meet the plane in focus within
     λN/pitch of where they would without diffraction, with 84 % of the energy in the disk; 2 % for its aberrations."""

@@ -156,6 +156,7 @@ def test_glass_polarises_as_fresnel_says(
     assert aolp_deg(light) == pytest.approx(0, abs=0.4)
 
 
+@pytest.mark.exhaustive
 def test_it_is_the_light_of_mitsubas_stokes_vectors() -> None:
     """A ball of glass in a wide field of view of a rolled camera: the polarisers' pixels are S0 + S1 cos 2θ + S2 sin 2θ
     of Mitsuba's own integrator, within the noise of both, 2 % of S0 in the mean."""
@@ -257,7 +258,8 @@ def test_colour_filters_and_polarisers_repeat_each_in_their_own_tile() -> None:
             assert angle == pytest.approx(-30, abs=2)
 
 
-@pytest.mark.parametrize("denoise", [exhaustive(False), True])
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("denoise", [False, True])
 def test_denoising_keeps_the_polarisation(denoise: bool) -> None:
     """The picture of each polariser is denoised for itself, and keeps the sum of its light."""
     text = floor_seen_at(70.0, 20.0, size=(64, 48))

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.marks import exhaustive
 from helpers.scenes import (
     PERSPECTIVE,
     SCENES,
@@ -263,23 +262,20 @@ def rendered_by_threads(variant: str, threads: tuple[int, ...], **options: Any) 
     return found
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     "options",
     [
-        exhaustive({"spp": 100, "width": 33, "spectral": "channels", "denoise": False}),
+        {"spp": 100, "width": 33, "spectral": "channels", "denoise": False},
         {"spp": 100, "width": 21, "bandwidth_nm": 80, "denoise": True},
-        exhaustive(
-            {"spp": 100, "width": 27, "spectral": "cube", "bandwidth_nm": 80, "denoise": False}
-        ),
-        exhaustive(
-            {
-                "noise_ratio": 20,
-                "max_spp": 400,
-                "width": 25,
-                "bandwidth_nm": 80,
-                "denoise": False,
-            }
-        ),
+        {"spp": 100, "width": 27, "spectral": "cube", "bandwidth_nm": 80, "denoise": False},
+        {
+            "noise_ratio": 20,
+            "max_spp": 400,
+            "width": 25,
+            "bandwidth_nm": 80,
+            "denoise": False,
+        },
     ],
 )
 def test_a_repeatable_render_has_the_same_bits_with_any_number_of_threads(
@@ -302,6 +298,7 @@ def test_a_repeatable_render_repeats_in_scalar_variants_too() -> None:
     assert len(rendered_by_threads("scalar_spectral", (1, 7), denoise=False, **options)) == 1
 
 
+@pytest.mark.exhaustive
 def test_frames_of_their_own_repeat(tmp_path: Path) -> None:
     """The first frame determines the passes of the others: still a power of two."""
     options: dict[str, Any] = {

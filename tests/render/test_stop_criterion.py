@@ -36,15 +36,15 @@ def test_a_noise_ratio_is_reached_and_is_true() -> None:
     Rationale: a render that stops when its ratio happens to be low would look better than it is. Medians over 1536
     pixels of squares: a standard deviation of 4 %, the bound is 15 %.
     """
-    options = {**RAW, "parameters": {"width": 48, "height": 32}, "noise_ratio": 2.0}
+    options = {**RAW, "parameters": {"width": 48, "height": 32}, "noise_ratio": 4.0}
     one, two = (ms.render(BOX, CAMERA, EXPOSURE, seed=s, **options) for s in (1, 2))
     claimed = one.standard_error.astype(float) ** 2 + two.standard_error.astype(float) ** 2
     z = (one.data - two.data).astype(float) ** 2 / claimed
     # F of 1 and about 50 degrees of freedom
     assert np.median(z) / 0.47 == pytest.approx(1.0, abs=0.15)
     found = one.statistics
-    assert (found.ended_by, found.noise_ratio_asked) == ("noise_ratio", 2.0)
-    assert found.noise_ratio_median <= 2.0 and found.passes >= SURE_PASSES_MIN
+    assert (found.ended_by, found.noise_ratio_asked) == ("noise_ratio", 4.0)
+    assert found.noise_ratio_median <= 4.0 and found.passes >= SURE_PASSES_MIN
 
 
 def test_a_render_ends_at_its_most_samples_and_says_that_the_ratio_was_missed() -> None:

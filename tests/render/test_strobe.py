@@ -24,7 +24,7 @@ BAR_PX = 4.0
 START_PX = 20.0
 QUICK: dict[str, Any] = {
     "wavelength_nm": 550.0,
-    "spp": 64,
+    "spp": 256,
     "denoise": False,
     "variant": "scalar_spectral",
     "progress": False,
@@ -85,7 +85,7 @@ def photons(
 def test_the_flashes_show_the_bar_where_the_closed_form_says() -> None:
     """Flashes of 2 ms every 20 ms: the middle of flash k is at 1 + 20·k ms, 8 px after the one before; each image of
     the bar has a third of the light of a steady lamp. Positions within 0.25 px."""
-    image, captured = photons(GLOBAL, 0.06, {"bar": ms.pwm(50, 0.1)})
+    image, captured = photons(GLOBAL, 0.06, {"bar": ms.pwm(50, 0.1)}, spp=64)
     row = image.mean(axis=0)
     for flash in range(3):
         middle_px = START_PX + SPEED_PX_PER_S * (0.001 + 0.02 * flash)

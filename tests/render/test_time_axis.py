@@ -73,21 +73,6 @@ def test_a_moving_edge_is_where_the_time_of_its_frame_says(
     assert (told["fps"], told["period_s"]) == (10, 0.1)
 
 
-@pytest.mark.exhaustive
-def test_a_later_frame_alone_is_that_of_the_series(tmp_path: Path) -> None:
-    scene = write_scene(tmp_path, SCENE)
-    given: dict[str, Any] = {"motion": MOTION, "frame_period_s": 0.1, **QUICK}
-    series = ms.capture(scene, CAMERA, EXPOSURE, frames=3, **given)
-    alone = ms.capture(scene, CAMERA, EXPOSURE, first_frame=2, **given)
-    np.testing.assert_array_equal(series.frames.digital[2], alone.frames.digital[0])
-    moved = ms.capture(
-        scene, CAMERA, EXPOSURE, motion=MOTION, first_frame=0, start_s=0.2, **QUICK
-    )
-    assert edge_px(moved.frames.digital[0]) == pytest.approx(
-        edge_px(alone.frames.digital[0]), abs=0.1
-    )
-
-
 def test_frames_of_a_still_scene_are_one_render_and_the_frames_without_a_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -69,7 +69,9 @@ def illuminant_of(scene: Scene, highest_nm: float = HIGHEST_NM) -> Illuminant | 
     points = np.random.default_rng(SEED).random((SCALAR_POINTS if scalar else POINTS, NUMBERS))
     if scalar:
         hits = [(seen(p), p) for p in points.tolist()]  # the same at all wavelengths
-        radiance = np.array([[thrown(*hit, nm) for hit in hits] for nm in quarters.tolist()])
+        radiance = np.array(
+            [[list(thrown(*hit, nm)) for hit in hits] for nm in quarters.tolist()], np.float32
+        )
     else:
         # Made from lists: each alignment of NumPy's arrays would compile another kernel.
         drawn = [dr.tile(mi.Float(numbers.tolist()), len(quarters)) for numbers in points.T]
