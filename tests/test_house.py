@@ -507,12 +507,12 @@ TOKENS_MAX = {
     "optics": 17358,
     "output": 24954,
     "pages": 3187,
-    "render": 79071,
+    "render": 79085,
     "reproduction": 10885,
     "sensor": 13837,
     "stages": 31947,
     "study": 9227,
-    "tests": 343065,
+    "tests": 342199,
     "theory": 14637,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
