@@ -30,7 +30,6 @@ LEVELS_E = (
 @pytest.mark.parametrize(
     ("means_e", "backend"),
     [*((means_e, NUMPY_FLOAT32) for means_e in LEVELS_E), (LEVELS_E[3], NUMPY_FLOAT64)],
-    ids=str,
 )
 def test_both_parts_of_a_count_are_poisson_and_independent(
     means_e: tuple[float, float], backend: Backend
