@@ -53,7 +53,7 @@ MUTATIONS = (
     Mutation("stages", "self.residual * self.gain_v_per_e) * offsets", "self.gain_v_per_e) * offsets", f"{LAW} dsnu"),
     Mutation("stages", 'window.number(self.cv) * window.line_map("prnu_col"', 'window.number(self.cv**2) * window.line_map("prnu_col"', f"{LAW} column"),
     Mutation("stages", "camera.pixel.pitch_x_um * camera.pixel.pitch_y_um * 1e-8", "camera.pixel.pitch_x_um * camera.pixel.pitch_x_um * 1e-8", f"{EFFECTS}/test_dark_current.py"),
-    Mutation("stages", "exposure.time_s * dark_current_model(camera)", "dark_current_model(camera)", f"{SENSOR}/test_table1.py"),
+    Mutation("stages", "exposure.time_s * dark_current_model(camera)", "dark_current_model(camera)", f"{EFFECTS}/test_dark_current.py"),
     Mutation("stages", "hits * frame.number(self.mean_e) + spread + 0.5", "hits * frame.number(self.mean_e) - spread + 0.5", f"{EFFECTS}/test_radiation_hits.py moyal"),
     Mutation("stages", "- knee * arrays.log1p(fall)", "+ knee * arrays.log1p(fall)", f"{EFFECTS}/test_full_well.py"),
     Mutation("stages", "1 - (1 - self.duty) * redrawn", "1 - self.duty * redrawn", f"{EFFECTS}/test_rts_pixels.py"),

@@ -22,6 +22,7 @@ from mitsuba_sensor.stages.dark_current_models import (
 from mitsuba_sensor.stages.effects.dark_current import (
     DarkCurrent,
     dark_current_model,
+    mean_dark_e,
 )
 from mitsuba_sensor.stages.gains import gain_dn_per_e
 
@@ -81,7 +82,7 @@ def test_components_in_every_unit_have_the_moments_of_the_mixture(
     assert x.var() == pytest.approx(variance, rel=5 * math.sqrt((fourth - 1) / x.size))
 
 
-AREA_CM2 = (5.7e-4) ** 2
+AREA_CM2 = 5.7e-4 * 8e-4
 KELVINS = [77.0, 250.0, 298.15, 300.0, 308.0, 400.0]
 
 
@@ -92,6 +93,8 @@ def test_the_mpp_law_adds_diffusion_and_depletion_at_300_k_and_separates_them_el
     model = dark_current_model(
         TABLE1.replace(
             **{
+                "pixel.pitch_x_um": 5.7,
+                "pixel.pitch_y_um": 8.0,
                 "dark_current.diffusion_fom_na_per_cm2": 0.01,
                 "dark_current.fom_na_per_cm2": 0.02,
             }
@@ -127,12 +130,12 @@ def test_a_measured_rate_is_what_was_measured_and_follows_silicon_from_there() -
         assert same.rate_e_per_s(t) == pytest.approx(model.rate_e_per_s(t), rel=1e-12)
 
 
-def test_a_doubling_temperature_doubles() -> None:
-    model = dark_current_model(
-        TABLE1.replace(
-            **LONG | {"dark_current.rate_e_per_s": 5.0, "dark_current.doubling_k": 7.0}
-        )
+def test_a_doubling_temperature_doubles_and_so_does_the_exposure_time() -> None:
+    camera = TABLE1.replace(
+        **LONG | {"dark_current.rate_e_per_s": 5.0, "dark_current.doubling_k": 7.0}
     )
+    model = dark_current_model(camera)
+    assert mean_dark_e(camera, ms.Exposure(4.0, 307.0)) == pytest.approx(40.0, rel=1e-12)
     assert model == Doubling(5.0, 300.0, 7.0)
     for steps in (-10, -1, 0, 1, 3):
         assert model.rate_e_per_s(300.0 + 7.0 * steps) == pytest.approx(
