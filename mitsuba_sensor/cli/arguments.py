@@ -106,7 +106,7 @@ SceneOrIrradiance = Annotated[
 OptionalLight = Annotated[
     str | None,
     argument(
-        "[IRRADIANCE.exr]", "Irradiance on the sensor, written by `render`; or use --electrons."
+        "IRRADIANCE.exr", "Irradiance on the sensor, written by `render`; or use --electrons."
     ),
 ]
 SceneName = Annotated[str, argument("NAME", "Name from `scenes list`.", scene_names)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -109,6 +108,7 @@ def _like(like: ms.Camera, changes: Mapping[str, object]) -> tuple[ms.Camera, li
     numbers have no gain settings.
     """
     from ..camera.camera import SET_BY_USER
+    from ..camera.field_catalogue import copied_source
     from ..camera.gain_ladder import SAME, SET
 
     camera, notes = like.replace(**changes), list[str]()
@@ -125,7 +125,7 @@ def _like(like: ms.Camera, changes: Mapping[str, object]) -> tuple[ms.Camera, li
     sources = dict(camera.sources)
     for field, text in sources.items():
         if camera.name != like.name and text != SET_BY_USER:
-            sources[field] = f"assumed: as {like.name}: {text}"
+            sources[field] = copied_source(text, like.name)
     if not same_k and "adc.full_scale_v" not in changes:
         sources.pop("adc.full_scale_v", None)
     return camera.replace(sources=sources), notes
@@ -172,8 +172,7 @@ def check_camera(
 
     findings, changes = ms.check_camera(name), changes_of(flags)
     if changes and not any(finding.level == "error" for finding in findings):
-        changed = ms.load_camera(name).replace(**changes).to_toml()
-        of_changed = ms.check_camera(tomllib.loads(changed))
+        of_changed = ms.check_camera(ms.load_camera(name).replace(**changes))
         findings = tuple(replace(finding, file=f"{name} with --set") for finding in of_changed)
     levels = [finding.level for finding in findings]
     facts: dict[str, object] = {"findings": [finding.to_dict() for finding in findings]}
@@ -255,11 +254,20 @@ def schema() -> None:
 
 
 @cameras.command(cls=Command)
-def stages() -> None:
-    """Print the stages of the sensor in their order, as a Markdown table."""
-    from ..stages.chain import stage_table
+def stages(as_json: arguments.Json = False) -> None:
+    """List the stages of the sensor in their order, and those that --without switches off."""
+    from ..stages.chain import ORDER, what_it_does
 
-    show(stage_table(), False)
+    rows = [
+        {
+            "stage": stage.key(),
+            "--without": "" if stage.no_noise else "yes",
+            "what it computes": what_it_does(stage),
+            "keys in": f"[{stage.table}]",
+        }
+        for stage in ORDER
+    ]
+    show(rows, as_json)
 
 
 @cameras.command(cls=Command)

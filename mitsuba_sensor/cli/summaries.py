@@ -82,7 +82,7 @@ def _facts(report: Report) -> Iterator[tuple[str, str]]:
     image, counts = report["image"], report["counts"]
     keys = "mean_frame", "sigma_frame", "sigma_expected"
     mean, sigma, expected = (f"{number(last[key])} {last['unit']}" for key in keys)
-    yield "signal", f"mean {mean}, noise σ = {sigma} (theory {expected})"
+    yield "signal", f"mean {mean}, sensor noise σ = {sigma} (theory {expected})"
     low, median, high = (number(photons[name]) for name in ("min", "median", "max"))
     unit = "photoelectrons" if photons["detected"] else "photons"
     yield f"{unit} per pixel", f"{low} … {median} … {high} (min, median, max)"
