@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
+from typing import Any
+
 from helpers import ROOT
 
 import mitsuba_sensor as ms
+from mitsuba_sensor.camera.datasheet_checks import noise_sources
 from mitsuba_sensor.camera.datasheet_errors import fields_of
 from mitsuba_sensor.stages.chain import ORDER
 
@@ -27,6 +32,11 @@ def test_every_field_of_the_sensor_belongs_to_an_effect_but_the_description_of_t
         if "." in name and name.split(".")[0] not in ("lens", "sensor", "combine", "companding")
     }
     assert {name for name in fields if name.count(".") == 1} - of_stages == geometry
+
+
+def test_the_printed_stages_name_what_without_takes(cli: Callable[..., Any]) -> None:
+    rows = json.loads(cli("cameras", "stages", "--json").stdout)
+    assert [row["stage"] for row in rows if row["--without"]] == [*noise_sources()]
 
 
 def test_every_effect_has_a_file_and_a_test_that_names_it() -> None:

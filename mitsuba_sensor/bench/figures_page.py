@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -42,15 +43,17 @@ TABLE_NOTE = (
 
 
 def figures_of(
-    bench: Bench, progress: Callable[[int, int, str], None]
+    bench: Bench, progress: Callable[[float, int, str], None]
 ) -> tuple[Measurement, ...]:
-    """Measure a bench with all instruments; progress gets the number done, the total and the next instrument."""
+    """Measure a bench with all instruments; progress gets the number done, the total and the current instrument."""
     begun, total = 0, len(bench.of_filters()) * len(INSTRUMENTS)
 
     def begins(title: str) -> None:
         nonlocal begun
-        begun += ": " not in title
-        progress(begun - 1, total, f"measuring: {title}")
+        name, _, levels = title.partition(": ")
+        begun += not levels
+        done, of = re.findall(r"\d+", levels) or (0, 1)
+        progress(begun - 1 + int(done) / int(of), total, f"measuring: {name}")
 
     return measure_bench(bench, begins)
 

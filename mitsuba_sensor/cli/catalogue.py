@@ -37,20 +37,25 @@ def list_command(search: arguments.SearchText = None, as_json: arguments.Json = 
     """List the included cameras, or those with a text in name or description."""
     from ..camera.camera_file import cameras_with
     from ..core import InputError
+    from .tables import view
 
     names = cameras_with(" ".join(search)) if search else ms.list_cameras()
     if not names:
         raise InputError(
             f"no camera has {' '.join(search or ())!r} in its name or description; `cameras list` shows all cameras."
         )
-    rows = []
+    facts, rows = [], []
     for camera in map(ms.load_camera, names):
-        facts: dict[str, object] = {"name": camera.name}
-        facts |= camera.sensor.model_dump(include={"technology", "columns", "rows"})
-        facts["gains"] = [setting.label for setting in camera.gains]
-        facts["readouts"] = [readout.name for readout in camera.readouts]
-        rows.append(facts | {"description": camera.description})
-    show(rows, as_json)
+        fact: dict[str, object] = {"name": camera.name}
+        fact |= camera.sensor.model_dump(include={"technology", "columns", "rows"})
+        fact["gains"] = [setting.label for setting in camera.gains]
+        fact["readouts"] = [readout.name for readout in camera.readouts]
+        facts.append(fact | {"description": camera.description})
+        pixels = f"{camera.sensor.columns} × {camera.sensor.rows}"
+        row = {"name": camera.name, "pixels": pixels, "gains": len(camera.gains) or "–"}
+        row["readouts"] = len(camera.readouts) or "–"
+        rows.append(row | {"description": camera.description})
+    show(facts, as_json, view(rows))
 
 
 @cameras.command(

@@ -281,7 +281,10 @@ def doctor(as_json: arguments.Json = False) -> None:
 
     with steps_bar(err, "rendering a small scene with every variant") as tell:
         findings = examine(tell)
-    show(findings, as_json)
+    python = "works" if findings["python"]["works"] else "fails"
+    shown = {"python": f"mi.render {python}: {findings['python']['reason']}"}
+    shown["remedies"] = findings["remedies"] or "none needed"
+    show(findings, as_json, findings | shown)
     if not findings["works"]:
         raise typer.Exit(1)
 

@@ -27,9 +27,9 @@ COUNTED = {
     "clipped_full_well": "at the full well",
     "clipped_adc_high": "at the full-scale code",
     "clipped_adc_low": "at code 0",
-    "cut_to_zero_prnu": "with a gain set to 0, because its distribution reaches below 0",
-    "cut_to_zero_prnu_col": "in columns with a gain set to 0, because its distribution reaches below 0",
-    "cut_to_zero_dark_fpn": "with a dark current set to 0, because its distribution reaches below 0",
+    "cut_to_zero_prnu": "with a negative PRNU gain, set to 0",
+    "cut_to_zero_prnu_col": "in columns with a negative PRNU gain, set to 0",
+    "cut_to_zero_dark_fpn": "with a negative dark current, set to 0",
     "negative": "with negative light, set to 0",
     "non_finite": "with light that is not a number",
 }

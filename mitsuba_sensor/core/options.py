@@ -43,7 +43,10 @@ EXPOSURE_NAMES = {
 }
 EXPOSURE_NAMES |= {"temperature_k", "temperature"}
 """Names of what an Exposure holds, here and in other programs."""
-FLAG, ON_THE_COMMAND_LINE = re.compile(r"--([a-z][a-z-]*)"), re.compile(r" Repeatable\.| \(repeatable\)")
+FLAG, ON_THE_COMMAND_LINE = (
+    re.compile(r"--([a-z][a-z-]*)"),
+    re.compile(r" Repeatable\.| \(repeatable\)"),
+)
 KIND_NAMES = {"Buffer": "array", "_Buffer": "array", "PathLike": "path", "Mapping": "dict"}
 
 

@@ -247,8 +247,8 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     noise_ratio: Annotated[
         float | None,
         Option(
-            "Render, instead of for --spp, until the render variance divided by the sensor variance is below this in "
-            "the median pixel; at 0.01 the noise σ of a frame is 0.5 % too large.",
+            "Render until the median pixel's render variance is below this fraction of its sensor variance, instead "
+            "of a fixed --spp. At 0.01, the noise σ of a frame is 0.5 % too large.",
             low=1e-9,
             high=1e9,
             example="0.01",

@@ -165,7 +165,9 @@ def clipped_note(light: Detected, camera: Camera, frame: Frame) -> Iterator[str]
     share = saturated_share(electrons, camera, exposure)
     if share > SATURATED_MAX:
         remedy = _remedy(electrons, camera, exposure)
-        yield Doubt(f"{share:.0%} of the pixels are saturated at {exposure.time_s:g} s{remedy}")
+        yield Doubt(
+            f"{100 * share:.0f} % of the pixels are saturated at {exposure.time_s:g} s{remedy}"
+        )
 
 
 def saturated_share(

@@ -194,3 +194,5 @@ def test_a_prescription_by_set_takes_focal_length_and_focus_of_the_scene(
     assert json.loads(done.stdout)["render"]["intrinsics"]["focal_length_mm"] == pytest.approx(
         2.5, rel=1e-3
     )
+    notes = json.loads(done.stdout)["notes"]
+    assert any("determines the field of view" in x and "width=1900" in x for x in notes)
