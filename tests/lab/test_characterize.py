@@ -95,6 +95,11 @@ def test_a_datasheet_that_is_5_percent_off_is_found_out(measurement: Measurement
     assert [
         row[0] for row, mark in zip(table.rows, table.marks, strict=True) if mark == "bad"
     ] == ["K"]
+    one_unit = characterized("x", [measurement], {"": {"K": Said(wrong, 0.12, wrong)}})
+    said = (
+        "holds, although the 95 % interval excludes the datasheet's value: K; one sensor unit"
+    )
+    assert one_unit.passed and any(x.startswith(said) for x in one_unit.findings)
 
 
 def test_every_drawing_has_axes_with_names_and_at_most_eight_series(

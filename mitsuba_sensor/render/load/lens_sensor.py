@@ -243,7 +243,11 @@ class SequentialLens:
         wide, was = (2 * math.degrees(math.atan(x.half_width)) for x in (self.view, scene))
         columns = round(scene.size[0] * scene.half_width / self.view.half_width)
         columns = min(columns, camera.sensor.columns)
-        remedy = f"; width={columns} shows most of the scene" if columns > scene.size[0] else ""
+        remedy = (
+            f"; width={columns} comes closest to the scene's view"
+            if columns > scene.size[0]
+            else ""
+        )
         name = camera.lens.prescription and camera.lens.prescription.name
         focus = "infinity" if math.isinf(self.view.focus_m) else f"{self.view.focus_m:g} m"
         notes = [
