@@ -274,8 +274,8 @@ def sheet_rows(store: Store, lines: Sequence[Row]) -> list[SheetRow]:
     varied = _varied([line.values for _, line in looked_at])
     groups: dict[tuple[object, object], list[tuple[int, Row]]] = {}
     for number, line in looked_at:
-        view = line.values.get("scene"), line.values.get("view")
-        groups.setdefault(view, []).append((number, line))
+        scene_and_view = line.values.get("scene"), line.values.get("view")
+        groups.setdefault(scene_and_view, []).append((number, line))
     longest = max(map(len, groups.values()), default=1)
     chosen = evenly_chosen([*groups], max(SHEET_PICTURES_MAX // longest, SHEET_GROUPS_MIN))
     pictures, sizes, aspect = list[Captioned](), list[int](), 1.0
