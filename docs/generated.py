@@ -136,12 +136,13 @@ def _options(command: Any) -> list[Any]:
 
 def _command(path: str, command: Any, shared: set[str]) -> str:
     """The help of one command, a row for each of its own options, and the names of the shared ones."""
-    needed = [
-        str(one.metavar or one.name.upper())
-        for one in command.params
-        if one.param_type_name == "argument"
+    values = [one for one in command.params if one.param_type_name == "argument"]
+    names = [str(one.metavar or one.name.upper()) for one in values]
+    named = [
+        (name if one.required else f"[{name}]") + "..." * (one.nargs < 0)
+        for name, one in zip(names, values, strict=True)
     ]
-    usage = " ".join(["mitsuba-sensor", path, *needed])
+    usage = " ".join(["mitsuba-sensor", path, *named])
     rows = [row for one in _options(command) if (row := _option(one)) not in shared]
     others = ", ".join(_names(one) for one in _options(command) if _option(one) in shared)
     text = textwrap.dedent(command.help or "").strip().partition("\n\n")[0]

@@ -54,7 +54,7 @@ class LightOptions(FrameOptions, LevelOptions, total=False):
         Option(
             "Adapt exposure time and gain between frames until their mean reaches a fraction of saturation, e.g. "
             "'target 0.18, damping 0.5, delay 2'. Further keys: shortest_s, longest_s, and mains_hz, which keeps the "
-            "time at multiples of half a period. Needs --fps; the first frame uses --exposure-s.",
+            "time at multiples of half a period. Needs --fps; the first frame has the given exposure.",
             metavar="NUMBERS",
             panel="Camera and exposure",
             text=str,
@@ -112,8 +112,8 @@ class CaptureOptions(RenderOptions, LightOptions, total=False):
     half: Annotated[
         bool,
         Option(
-            "Write irradiance.exr in half precision, rounded by at most 0.05 % and a sixth as large. --bandwidth-nm 40 "
-            "makes it four times smaller again.",
+            "Write irradiance.exr in half precision, rounded by at most 0.05 % and a sixth as large. A --bandwidth-nm "
+            "of 40 makes it four times smaller again.",
             False,
         ),
     ]

@@ -131,6 +131,13 @@ def test_a_page_explains_every_key_of_frame_json() -> None:
     assert len(ends) > 4 and ends - explained == set()
 
 
+@pytest.mark.parametrize("name", ["capture", "render", "render_frames", "expose"])
+def test_a_docstring_names_arguments_and_no_flags(name: str) -> None:
+    described = getattr(ms, name).__doc__
+    assert "instead of fps" in described or "instead of a fixed spp" in described
+    assert not re.search(r"--[a-z]|Repeatable\.|\(repeatable\)", described)
+
+
 def test_everything_that_is_returned_prints_on_one_line() -> None:
     frames = ms.expose(PHOTONS, NAME, EXPOSURE)
     captured = ms.capture(FLAT, NAME, EXPOSURE, aovs=True, **QUICK)

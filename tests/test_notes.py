@@ -47,7 +47,7 @@ def test_light_of_another_camera_is_told_in_python_once_at_the_line_of_the_call(
     of_bayer: Any,
 ) -> None:
     """sony_imx174 sees 350 to 1000 nm: 30.4 % of a flat spectrum were not rendered for it."""
-    said = "nothing was rendered beyond 390 to 710 nm, where the mono pixels of this camera detect 30.4%"
+    said = "nothing was rendered beyond 390 to 710 nm, where the mono pixels of this camera detect 30.4 %"
     sensor, photons = ms.Sensor(WIDER), ms.collect(of_bayer, WIDER, EXPOSURE)
     calls: tuple[Callable[[], Any], ...] = (
         lambda: ms.expose(of_bayer, WIDER, EXPOSURE),
@@ -78,7 +78,7 @@ def test_terminal_file_notebook_and_python_show_the_same_sentences(
     for part in (
         "if 25 is in °C, write 298.15",
         "is the render's, not the camera's",
-        "30.4% of a flat spectrum",
+        "30.4 % of a flat spectrum",
     ):
         assert sum(part in note for note in frames.notes) == 1
     flags = ("--camera", "sony_imx174", "--exposure-s", "0.001", "--temperature-k", "25")
@@ -114,7 +114,7 @@ def test_terminal_file_notebook_and_python_show_the_same_sentences(
         (lambda: ms.expose(FIVE[..., 0], BAYER, EXPOSURE), "are assumed to have 530 nm"),
         (
             lambda: ms.expose(1e6 * FIVE, TABLE1, EXPOSURE, **BANDS),
-            "100% of the pixels are saturated at 0.01 s; ",
+            "100 % of the pixels are saturated at 0.01 s; ",
         ),
         (
             lambda: ms.expose(FIVE, TABLE1, ms.Exposure(0.01, 25.0), **BANDS),
@@ -173,14 +173,14 @@ def test_saturated_pixels_are_noted_from_a_fifth_of_them_on(share: float, noted:
     frames, caught = told(lambda: ms.expose(photons[..., None], TABLE1, EXPOSURE, **BANDS))
     assert (
         len(caught) == noted
-        and any(f"{share:.0%} of the pixels" in note for note in frames.notes) == noted
+        and any(f"{100 * share:.0f} % of the pixels" in note for note in frames.notes) == noted
     )
     well = TABLE1.pixel.full_well_e / float(TABLE1.qe([550.0])[0, 0])
     low_scale = TABLE1.replace(**{"adc.full_scale_v": 0.33})
     (note,) = told(
         lambda: ms.expose(np.full((8, 8, 1), well), low_scale, ms.Exposure(0.0), **BANDS)
     )[0].notes
-    assert note.startswith("50% of the pixels are saturated")
+    assert note.startswith("50 % of the pixels are saturated")
 
 
 def test_what_is_black_in_a_scene_is_a_warning_of_its_render_and_not_of_its_frames(

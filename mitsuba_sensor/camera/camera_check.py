@@ -50,18 +50,20 @@ class CameraFinding:
         return asdict(self)
 
 
-def check_camera(name: str | Path | Mapping[str, Any]) -> tuple[CameraFinding, ...]:
-    """Return all errors of a camera file, then its warnings.
+def check_camera(name: str | Path | Mapping[str, Any] | Camera) -> tuple[CameraFinding, ...]:
+    """Return all errors of a camera or its file, then the warnings.
 
     ::
 
         for finding in ms.check_camera("my.toml"):
             print(finding.line, finding.level, finding.text)
 
-    name : as for :func:`load_camera`. Fields are compared with each other only if each of them is valid.
+    name : as for :func:`load_camera`, or a camera. Fields are compared with each other only if each of them is valid.
     Raises InputError if the file does not exist.
     """
-    if isinstance(name, Mapping):
+    if isinstance(name, Camera):
+        source, data = CameraText("", name.name), tomllib.loads(name.to_toml())
+    elif isinstance(name, Mapping):
         source, data = CameraText("", "the dict"), plain_tables(name)
     else:
         source = camera_text(name)

@@ -39,6 +39,14 @@ HEAD = """\
 SOURCES_COMMENT = "# Source of each number: datasheet, measurement, paper or assumption."
 ASSUMED = "assumed"
 """Start of the source of an assumed number."""
+COPIED = re.compile(rf"^(?:{ASSUMED}: )?(?:(?:as|of) [\w-]+: )?")
+"""Start of the source of a number that was copied from another camera."""
+
+
+def copied_source(source: str, camera: str) -> str:
+    """Return the source of a number copied from a camera of this name; assumed only if it was assumed there."""
+    origin = f"{ASSUMED}: as {camera}" if source.startswith(ASSUMED) else f"of {camera}"
+    return f"{origin}: {COPIED.sub('', source)}"
 
 
 class Entry(NamedTuple):

@@ -136,7 +136,7 @@ def _unknown_gain(camera: Camera, label: str) -> str:
         return f"gain is {label!r}; the gain settings of {camera.name} are {labels}"
     return (
         f"gain is {label!r}, but {camera.name} has no gain settings; omit gain, add [[gains]] to its file, or use "
-        f"{', '.join(cameras_with_gains())}"
+        f"{', '.join(cameras_with_gains(label))}"
     )
 
 

@@ -1,5 +1,6 @@
 """The included camera files."""
 
+import re
 from importlib import resources
 from pathlib import Path
 
@@ -24,9 +25,12 @@ def list_cameras() -> list[str]:
     )
 
 
-def cameras_with_gains() -> list[str]:
-    """Return the names of the included cameras that have gain settings."""
-    return [name for name in list_cameras() if "\n[[gains]]" in shipped_text(name)]
+def cameras_with_gains(label: str) -> list[str]:
+    """Return the names of the included cameras that have this gain setting; if none has it, of those with any."""
+    texts = {name: shipped_text(name) for name in list_cameras()}
+    setting = re.compile(rf"\n\[\[gains\]\]\n(?:iso|name) = \"?{re.escape(label)}\"?\n")
+    with_label = [name for name, text in texts.items() if setting.search(text)]
+    return with_label or [name for name, text in texts.items() if "\n[[gains]]" in text]
 
 
 def shipped_text(name: str) -> str:

@@ -106,7 +106,7 @@ SceneOrIrradiance = Annotated[
 OptionalLight = Annotated[
     str | None,
     argument(
-        "[IRRADIANCE.exr]", "Irradiance on the sensor, written by `render`; or use --electrons."
+        "IRRADIANCE.exr", "Irradiance on the sensor, written by `render`; or use --electrons."
     ),
 ]
 SceneName = Annotated[str, argument("NAME", "Name from `scenes list`.", scene_names)]
@@ -121,13 +121,13 @@ SheetCamera = Annotated[
 ]
 SearchText = Annotated[
     list[str] | None,
-    argument("[TEXT]...", "Only cameras with this text in name or description, e.g. imx477."),
+    argument("TEXT", "Only cameras with this text in name or description, e.g. imx477."),
 ]
 NewFile = Annotated[str, argument("FILE.toml", "Camera file to write.")]
 ImportedFiles = Annotated[
     list[str],
     argument(
-        "FILE...",
+        "FILE",
         "A libcamera tuning file (.json), a noise calibration (.json, .csv), DNGs of one camera (.dng), an EMVA "
         "1288 report (.xml), a preset of getframes (.toml, getframes:NAME), or a geometric calibration of OpenCV "
         "(.yml, .xml), ROS (.yaml) or nerfstudio (transforms.json).",

@@ -27,7 +27,7 @@ DEFAULT_TIME_S = 0.01
     cls=Command,
     epilog="Example: mitsuba-sensor budget --camera sony_imx174 --electrons 1000 --exposure-s 0.01",
 )
-@options.flags(options.CameraFlags, without=("meter",), first=FIRST)
+@options.flags(options.CameraFlags, options.BudgetFlags, without=("meter",), first=FIRST)
 def budget(
     irradiance: arguments.OptionalLight = None,
     electrons: arguments.MeanElectrons = None,

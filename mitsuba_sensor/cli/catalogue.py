@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -38,20 +37,25 @@ def list_command(search: arguments.SearchText = None, as_json: arguments.Json = 
     """List the included cameras, or those with a text in name or description."""
     from ..camera.camera_file import cameras_with
     from ..core import InputError
+    from .tables import view
 
     names = cameras_with(" ".join(search)) if search else ms.list_cameras()
     if not names:
         raise InputError(
             f"no camera has {' '.join(search or ())!r} in its name or description; `cameras list` shows all cameras."
         )
-    rows = []
+    facts, rows = [], []
     for camera in map(ms.load_camera, names):
-        facts: dict[str, object] = {"name": camera.name}
-        facts |= camera.sensor.model_dump(include={"technology", "columns", "rows"})
-        facts["gains"] = [setting.label for setting in camera.gains]
-        facts["readouts"] = [readout.name for readout in camera.readouts]
-        rows.append(facts | {"description": camera.description})
-    show(rows, as_json)
+        fact: dict[str, object] = {"name": camera.name}
+        fact |= camera.sensor.model_dump(include={"technology", "columns", "rows"})
+        fact["gains"] = [setting.label for setting in camera.gains]
+        fact["readouts"] = [readout.name for readout in camera.readouts]
+        facts.append(fact | {"description": camera.description})
+        pixels = f"{camera.sensor.columns} × {camera.sensor.rows}"
+        row = {"name": camera.name, "pixels": pixels, "gains": len(camera.gains) or "–"}
+        row["readouts"] = len(camera.readouts) or "–"
+        rows.append(row | {"description": camera.description})
+    show(facts, as_json, view(rows))
 
 
 @cameras.command(
@@ -109,6 +113,7 @@ def _like(like: ms.Camera, changes: Mapping[str, object]) -> tuple[ms.Camera, li
     numbers have no gain settings.
     """
     from ..camera.camera import SET_BY_USER
+    from ..camera.field_catalogue import copied_source
     from ..camera.gain_ladder import SAME, SET
 
     camera, notes = like.replace(**changes), list[str]()
@@ -125,7 +130,7 @@ def _like(like: ms.Camera, changes: Mapping[str, object]) -> tuple[ms.Camera, li
     sources = dict(camera.sources)
     for field, text in sources.items():
         if camera.name != like.name and text != SET_BY_USER:
-            sources[field] = f"assumed: as {like.name}: {text}"
+            sources[field] = copied_source(text, like.name)
     if not same_k and "adc.full_scale_v" not in changes:
         sources.pop("adc.full_scale_v", None)
     return camera.replace(sources=sources), notes
@@ -172,8 +177,7 @@ def check_camera(
 
     findings, changes = ms.check_camera(name), changes_of(flags)
     if changes and not any(finding.level == "error" for finding in findings):
-        changed = ms.load_camera(name).replace(**changes).to_toml()
-        of_changed = ms.check_camera(tomllib.loads(changed))
+        of_changed = ms.check_camera(ms.load_camera(name).replace(**changes))
         findings = tuple(replace(finding, file=f"{name} with --set") for finding in of_changed)
     levels = [finding.level for finding in findings]
     facts: dict[str, object] = {"findings": [finding.to_dict() for finding in findings]}
@@ -255,11 +259,20 @@ def schema() -> None:
 
 
 @cameras.command(cls=Command)
-def stages() -> None:
-    """Print the stages of the sensor in their order, as a Markdown table."""
-    from ..stages.chain import stage_table
+def stages(as_json: arguments.Json = False) -> None:
+    """List the stages of the sensor in their order, and those that --without switches off."""
+    from ..stages.chain import ORDER, what_it_does
 
-    show(stage_table(), False)
+    rows = [
+        {
+            "stage": stage.key(),
+            "--without": "" if stage.no_noise else "yes",
+            "what it computes": what_it_does(stage),
+            "keys in": f"[{stage.table}]",
+        }
+        for stage in ORDER
+    ]
+    show(rows, as_json)
 
 
 @cameras.command(cls=Command)

@@ -281,7 +281,10 @@ def doctor(as_json: arguments.Json = False) -> None:
 
     with steps_bar(err, "rendering a small scene with every variant") as tell:
         findings = examine(tell)
-    show(findings, as_json)
+    python = "works" if findings["python"]["works"] else "fails"
+    shown = {"python": f"mi.render {python}: {findings['python']['reason']}"}
+    shown["remedies"] = findings["remedies"] or "none needed"
+    show(findings, as_json, findings | shown)
     if not findings["works"]:
         raise typer.Exit(1)
 
@@ -297,7 +300,7 @@ def doctor(as_json: arguments.Json = False) -> None:
     first=("camera", "settings", "parameters", "scene_unit", "as_json"),
 )
 def lint(scene: arguments.Scene, as_json: arguments.Json = False, **flags: Flag) -> None:
-    """Find what in SCENE is black, wrong or worth knowing for this camera, without a render.
+    """List parts of SCENE that will be black or wrong for this camera, and further facts; renders nothing.
 
     Exit code: 0 if nothing is black or wrong, 1 if something is, 2 if the scene cannot be loaded.
     """

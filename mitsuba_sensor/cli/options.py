@@ -42,7 +42,7 @@ Settings: TypeAlias = Annotated[
 Without: TypeAlias = Annotated[
     list[str] | None,
     Option(
-        "Switch off a noise source, e.g. shot_noise. Repeatable; `cameras stages` lists the sources.",
+        "Switch off a noise source, e.g. shot_noise. Repeatable; `cameras stages` lists the names.",
         flag="--without",
         metavar="SOURCE",
         text=list[str],
@@ -97,6 +97,18 @@ class CameraFlags(TypedDict, total=False):
     ]
     settings: Settings
     without: Without
+
+
+class BudgetFlags(TypedDict, total=False):
+    """The exposure of a noise budget."""
+
+    exposure_s: Annotated[
+        str | None,
+        Option(
+            "Exposure time [s]. Default: 0.01; for IRRADIANCE.exr from the scene or render, else auto.",
+            metavar="SECONDS|auto",
+        ),
+    ]
 
 
 class ChangedCameraFlags(TypedDict, total=False):

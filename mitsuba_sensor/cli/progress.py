@@ -70,7 +70,7 @@ def share_bar(console: Console, now: str = WORKING) -> Iterator[Callable[..., No
             lines.tell(doing, share)
         is_known = not math.isnan(share)
         bar.tasks[task].total = 1.0 if is_known else None
-        note = f"{share:4.0%}  {note}" if is_known else note
+        note = f"{100 * share:3.0f} %  {note}" if is_known else note
         bar.update(task, completed=share if is_known else 0, description=doing, note=note)
 
     with bar, undone_if_stopped(bar.stop):
@@ -102,13 +102,12 @@ def render_progress(
 @contextmanager
 def steps_bar(
     console: Console, now: str = WORKING
-) -> Iterator[Callable[[int, int, str], None]]:
+) -> Iterator[Callable[[float, int, str], None]]:
     """Show a bar for steps. Yields a function of the number done, the total and the current step."""
     with share_bar(console, now) as tell:
 
-        def show(done: int, total: int, doing: str) -> None:
-            counted = f"{doing}, {done} of {total}" if total > 1 else doing
-            tell(counted, done / total if total else 0.0)
+        def show(done: float, total: int, doing: str) -> None:
+            tell(doing, done / total if total else 0.0)
 
         yield show
 

@@ -27,9 +27,9 @@ COUNTED = {
     "clipped_full_well": "at the full well",
     "clipped_adc_high": "at the full-scale code",
     "clipped_adc_low": "at code 0",
-    "cut_to_zero_prnu": "with a gain set to 0, because its distribution reaches below 0",
-    "cut_to_zero_prnu_col": "in columns with a gain set to 0, because its distribution reaches below 0",
-    "cut_to_zero_dark_fpn": "with a dark current set to 0, because its distribution reaches below 0",
+    "cut_to_zero_prnu": "with a negative PRNU gain, set to 0",
+    "cut_to_zero_prnu_col": "in columns with a negative PRNU gain, set to 0",
+    "cut_to_zero_dark_fpn": "with a negative dark current, set to 0",
     "negative": "with negative light, set to 0",
     "non_finite": "with light that is not a number",
 }
@@ -82,7 +82,7 @@ def _facts(report: Report) -> Iterator[tuple[str, str]]:
     image, counts = report["image"], report["counts"]
     keys = "mean_frame", "sigma_frame", "sigma_expected"
     mean, sigma, expected = (f"{number(last[key])} {last['unit']}" for key in keys)
-    yield "signal", f"mean {mean}, noise σ = {sigma} (theory {expected})"
+    yield "signal", f"mean {mean}, sensor noise σ = {sigma} (theory {expected})"
     low, median, high = (number(photons[name]) for name in ("min", "median", "max"))
     unit = "photoelectrons" if photons["detected"] else "photons"
     yield f"{unit} per pixel", f"{low} … {median} … {high} (min, median, max)"

@@ -67,7 +67,9 @@ def view(facts: object, name: str = "") -> RenderableType:
     if isinstance(facts, dict) and facts and all(isinstance(x, dict) for x in facts.values()):
         rows = [{"name": key, **row} for key, row in facts.items()]
     if isinstance(rows, list | tuple) and rows and all(isinstance(row, dict) for row in rows):
-        headings = dict.fromkeys(key for row in rows for key in row if row[key] is not None)
+        headings = dict.fromkeys(
+            key for row in rows for key in row if row[key] not in (None, "")
+        )
         table = ResultTable([*headings], name)
         for row in rows:
             table.add_row(*(cell(row.get(key)) for key in headings))

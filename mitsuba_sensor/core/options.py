@@ -12,6 +12,7 @@ them in ``help()``. ``complete(RenderOptions, options)`` checks them and fills i
 
 import inspect
 import numbers
+import re
 import types
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -42,6 +43,10 @@ EXPOSURE_NAMES = {
 }
 EXPOSURE_NAMES |= {"temperature_k", "temperature"}
 """Names of what an Exposure holds, here and in other programs."""
+FLAG, ON_THE_COMMAND_LINE = (
+    re.compile(r"--([a-z][a-z-]*)"),
+    re.compile(r" Repeatable\.| \(repeatable\)"),
+)
 KIND_NAMES = {"Buffer": "array", "_Buffer": "array", "PathLike": "path", "Mapping": "dict"}
 
 
@@ -192,10 +197,12 @@ def documents(*kinds: type) -> Callable[[Function], Function]:
 
 
 def _described(declaration: Declared) -> str:
-    """Return a line of a docstring: name, type, default and meaning of an option."""
+    """Return a line of a docstring: name, type, default and meaning of an option; flags become arguments."""
     kinds, default = " or ".join(map(_kind_name, declaration.kinds)), declaration.option.default
     shown_default = "" if default in (None, ()) else f", default {default!r}"
-    return f"    {declaration.name} : {kinds}{shown_default}. {declaration.option.help}"
+    meaning = FLAG.sub(lambda flag: flag[1].replace("-", "_"), declaration.option.help)
+    meaning = ON_THE_COMMAND_LINE.sub("", meaning)
+    return f"    {declaration.name} : {kinds}{shown_default}. {meaning}"
 
 
 def _kind_name(kind: object) -> str:

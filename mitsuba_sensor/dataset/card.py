@@ -266,35 +266,36 @@ def less_render_noise(render: Config) -> str:
 
 
 def sheet_rows(store: Store, lines: Sequence[Row]) -> list[SheetRow]:
-    """Return the rows of a nearly square contact sheet; none without previews and raw frames."""
-    looked_at = evenly_chosen(lines, SHEET_LINES_MAX)
-    varied = _varied([line.values for line in looked_at])
-    groups: dict[tuple[object, object], list[Row]] = {}
-    for line in looked_at:
-        groups.setdefault((line.values.get("scene"), line.values.get("view")), []).append(line)
+    """Return the rows of a nearly square contact sheet; none without previews and raw frames.
+
+    A caption begins with the sample's number in the dataset.
+    """
+    looked_at = evenly_chosen([*enumerate(lines)], SHEET_LINES_MAX)
+    varied = _varied([line.values for _, line in looked_at])
+    groups: dict[tuple[object, object], list[tuple[int, Row]]] = {}
+    for number, line in looked_at:
+        scene_and_view = line.values.get("scene"), line.values.get("view")
+        groups.setdefault(scene_and_view, []).append((number, line))
     longest = max(map(len, groups.values()), default=1)
     chosen = evenly_chosen([*groups], max(SHEET_PICTURES_MAX // longest, SHEET_GROUPS_MIN))
     pictures, sizes, aspect = list[Captioned](), list[int](), 1.0
     for scene, view in chosen:
         label = [f"{scene}" if view is None else f"{scene}, view {view}"] * (len(chosen) > 1)
         shown = evenly_chosen(groups[scene, view], SHEET_PICTURES_MAX // len(chosen))
-        for line in shown:
+        for number, line in shown:
             sample = Sample(store, line)
             if not sample.has(PICTURE) and not sample.has(IMAGES["raw"]):
                 return []
             preview = sample.read("preview")
-            pictures.append(Captioned(png(preview), [*label, *caption(line, varied)]))
+            first_line, *others = *label, *caption(line, varied)
+            pictures.append(Captioned(png(preview), [f"{number}: {first_line}", *others]))
             shrink = max(-(-max(preview.shape) // SIDE), 1)
             rows_px, columns_px = (size / shrink for size in preview.shape[:2])
             aspect = max(columns_px, CAPTION_PX[0]) / (rows_px + CAPTION_PX[1])
         sizes.append(len(shown))
     columns = columns_of(sizes, aspect)
     firsts = range(0, len(pictures), columns)
-    rows = [pictures[first : first + columns] for first in firsts]
-    labels = [
-        f"{first + 1} to {first + len(row)}" for first, row in zip(firsts, rows, strict=True)
-    ]
-    return [SheetRow([label], row) for label, row in zip(labels, rows, strict=True)]
+    return [SheetRow([], pictures[first : first + columns]) for first in firsts]
 
 
 def columns_of(sizes: Sequence[int], aspect: float) -> int:

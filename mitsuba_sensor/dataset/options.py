@@ -51,7 +51,7 @@ class RunOptions(TypedDict, total=False):
     workers: Annotated[
         int | None,
         Option(
-            "Processes on this machine. 0 uses this process only, which dies with a scene that ends its renderer. "
+            "Processes on this machine. 0 uses only this process, which then ends if a scene crashes the renderer. "
             "Default: 2 if there are two cores.",
             low=0,
             high=1024,

@@ -257,7 +257,7 @@ class SensorNoise:
             remedy = f"a value of 1 is {draw.white_e:.4g} e- here; give a smaller white_e"
         setting = "" if draw.gain is None else f" at gain {draw.gain}"
         return Doubt(
-            f"{share:.0%} of the pixels of an image are saturated: {camera.name}{setting} holds "
+            f"{100 * share:.0f} % of the pixels of an image are saturated: {camera.name}{setting} holds "
             f"{saturation_e(camera):.4g} e-; {remedy}"
         )
 

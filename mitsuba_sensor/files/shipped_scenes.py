@@ -25,7 +25,7 @@ DEFAULT = re.compile(
 
 
 class SceneParameter(NamedTuple):
-    """A <default> of a scene file.  meaning : comment above it, or ""."""
+    """A <default> of a scene file.  meaning : comment above it or its group, or ""."""
 
     name: str
     value: str
@@ -86,10 +86,11 @@ def scene_description(name: str) -> str:
 
 def scene_parameters(name: str) -> list[SceneParameter]:
     """Return the <default> elements of a scene, in order."""
-    return [
-        SceneParameter(one["name"], one["value"], _plain(one["comment"] or ""))
-        for one in DEFAULT.finditer(scene_file(name).read_text("utf-8"))
-    ]
+    parameters, meaning = [], ""
+    for one in DEFAULT.finditer(scene_file(name).read_text("utf-8")):
+        meaning = _plain(one["comment"]) if one["comment"] else meaning
+        parameters.append(SceneParameter(one["name"], one["value"], meaning))
+    return parameters
 
 
 def scene_sensors(name: str) -> list[str]:

@@ -247,8 +247,8 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     noise_ratio: Annotated[
         float | None,
         Option(
-            "Render until the render variance over the sensor variance is below this in the median pixel, instead of "
-            "--spp; 0.01 makes a frame 0.5 % too noisy.",
+            "Render until the median pixel's render variance is below this fraction of its sensor variance, instead "
+            "of a fixed --spp. At 0.01, the noise σ of a frame is 0.5 % too large.",
             low=1e-9,
             high=1e9,
             example="0.01",
@@ -303,7 +303,7 @@ class RenderOptions(SceneOptions, RawLightOptions, StartOptions, total=False):
     light_groups: Annotated[
         str | Sequence[str] | Mapping[str, str | Sequence[str]] | None,
         Option(
-            "Render groups of emitters separately, so that `expose --light` can change them later. auto: one group for "
+            "Render groups of emitters separately, so that `expose` can change their levels later. auto: one group for "
             "each emitter with an id. NAME=PATTERN,… (repeatable): emitter ids, e.g. 'lamps=lamp_*'. The groups share "
             "the samples.",
             flag="--light-groups",

@@ -200,7 +200,8 @@ def _checked(name: str, reason: str, subject: str) -> Variant:
     problem = backend_problem(backend)
     if problem:
         remedy = f", or {llvm_remedy()}" if backend == "llvm" else ""
-        raise InputError(f"{subject}, but there is {problem}; use scalar_spectral{remedy}.")
+        works = fastest_variant("llvm").name
+        raise InputError(f"{subject}, but there is {problem}; use {works}{remedy}.")
     return Variant(name, backend, reason, _faster() if backend == "scalar" else "")
 
 

@@ -55,14 +55,14 @@ class Metering:
         median = ms.Metering(percentile=50.0, share=0.3)
         captured = ms.capture("cornell_box", camera, median, width=64)
 
-    temperature_k : sensor temperature [K].
     percentile : percentile of the lit pixels that reaches ``share`` of saturation, dark current included.
-    share : fraction of saturation. Raises InputError for numbers out of range.
+    share : fraction of saturation.  temperature_k : sensor temperature [K].
+    Raises InputError for numbers out of range.
     """
 
-    temperature_k: float = 298.15
     percentile: float = PERCENTILE
     share: float = SHARE
+    temperature_k: float = 298.15
 
     def __post_init__(self) -> None:
         Exposure(0.0, self.temperature_k)
@@ -81,7 +81,7 @@ class Metering:
                 f"meter is {text!r}; give PERCENTILE:SHARE, the percentile of the lit pixels (1 to 100) and the "
                 f"fraction of saturation that it reaches (up to 1), e.g. {PERCENTILE:g}:{SHARE:g}."
             ) from None
-        return cls(temperature_k, percentile, share)
+        return cls(percentile, share, temperature_k)
 
     @property
     def unit_exposure(self) -> Exposure:
@@ -165,7 +165,9 @@ def clipped_note(light: Detected, camera: Camera, frame: Frame) -> Iterator[str]
     share = saturated_share(electrons, camera, exposure)
     if share > SATURATED_MAX:
         remedy = _remedy(electrons, camera, exposure)
-        yield Doubt(f"{share:.0%} of the pixels are saturated at {exposure.time_s:g} s{remedy}")
+        yield Doubt(
+            f"{100 * share:.0f} % of the pixels are saturated at {exposure.time_s:g} s{remedy}"
+        )
 
 
 def saturated_share(

@@ -156,15 +156,3 @@ def what_it_does(effect: type[Stage]) -> str:
     """Return the first sentence of the docstring, without equation numbers and parameters."""
     first_line = (effect.__doc__ or "").partition("\n")[0]
     return re.split(r" \(paper|\. |\.$|  ", first_line)[0].rstrip(".")
-
-
-def stage_table() -> str:
-    """Return the stages in their order as a Markdown table: effect, datasheet fields, file."""
-    lines = ["| stage | what it does | fields of a camera file | file |", "|---|---|---|---|"]
-    for effect in ORDER:
-        names = effect.fields.model_fields if effect.fields else ()
-        fields = ", ".join(f"`{effect.table}.{name}`" for name in names)
-        file = f"effects/{effect.__module__.rpartition('.')[2]}.py"
-        cells = f"`{effect.__name__}`", what_it_does(effect), fields, f"`{file}`"
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)

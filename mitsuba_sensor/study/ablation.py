@@ -176,10 +176,12 @@ def saved_share(whole: list[float], other: list[float]) -> Spread:
 
 
 def in_words(saved: Spread) -> str:
-    """Return ``12% of the time (8% to 15%)``, or that nothing exceeds the scatter."""
+    """Return ``12 % of the time (8 % to 15 %)``, or that nothing exceeds the scatter."""
     if saved.low <= 0:
-        return f"no time beyond the scatter ({saved.low:.0%} to {saved.high:.0%})"
-    return f"{saved.median:.0%} of the time ({saved.low:.0%} to {saved.high:.0%})"
+        return (
+            f"no time beyond the scatter ({100 * saved.low:.0f} % to {100 * saved.high:.0f} %)"
+        )
+    return f"{100 * saved.median:.0f} % of the time ({100 * saved.low:.0f} % to {100 * saved.high:.0f} %)"
 
 
 def of_plan(plan: ms.Plan, case: Case, saved: Mapping[str, Spread]) -> str:

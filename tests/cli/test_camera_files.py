@@ -13,6 +13,7 @@ from helpers.marks import one_in
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.emva_sheet import COMPARED, KEYS, EmvaSheet, camera_of_sheet
+from mitsuba_sensor.camera.field_catalogue import copied_source
 
 Cli = Callable[..., Any]
 IMX174 = {
@@ -36,14 +37,28 @@ SHEETS: dict[str, dict[str, Any]] = {"sony_imx174": IMX174, "cmv4000": CMV4000}
 def test_a_new_file_is_the_camera_that_it_is_like(name: str, tmp_path: Path, cli: Cli) -> None:
     file, like = tmp_path / "my.toml", ms.load_camera(name)
     assert cli("cameras", "new", file, "--like", name).exit_code == 0
-    assumed = {field: f"assumed: as {name}: {text}" for field, text in like.sources.items()}
-    own = like.replace(name="my", description=f"a camera like {name}", sources=assumed)
+    sources = {field: copied_source(text, name) for field, text in like.sources.items()}
+    own = like.replace(name="my", description=f"a camera like {name}", sources=sources)
     assert ms.load_camera(file) == own and file.read_text("utf-8") == own.to_toml()
     named = ("--name", like.name, "--description", like.description, "--force")
     assert cli("cameras", "new", file, "--like", name, *named).exit_code == 0
     assert file.read_text("utf-8") == cli("cameras", "show", name, "--toml").stdout
     checked = json.loads(cli("cameras", "check", file, "--json").stdout)
     assert checked["findings"] == []
+
+
+@pytest.mark.parametrize(
+    ("source", "copied"),
+    [
+        ("EMVA 1288 sheet: pixel size", "of b: EMVA 1288 sheet: pixel size"),
+        ("of a: EMVA 1288 sheet: pixel size", "of b: EMVA 1288 sheet: pixel size"),
+        ("assumed: 6 K, usual for silicon", "assumed: as b: 6 K, usual for silicon"),
+        ("assumed: as a: 6 K, usual for silicon", "assumed: as b: 6 K, usual for silicon"),
+        ("assumed: as a", "assumed: as b: as a"),
+    ],
+)
+def test_a_copied_number_is_assumed_only_if_it_was_assumed(source: str, copied: str) -> None:
+    assert copied_source(source, "b") == copied
 
 
 def test_an_existing_file_is_overwritten_only_by_force(tmp_path: Path, cli: Cli) -> None:

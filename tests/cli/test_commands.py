@@ -274,10 +274,10 @@ def test_the_bar_says_what_is_done_and_no_share_where_no_end_is_known() -> None:
             return printed(bar.get_renderable(), 100)
 
         assert "reading the light" in after(None) and "%" not in after(None)
-        assert re.search("rendering .*10%", after(RenderProgress(1, 10)))
+        assert re.search("rendering .*10 %", after(RenderProgress(1, 10)))
         ended_by_noise = after(RenderProgress(30, 0, 0.25))
         assert "%" not in ended_by_noise and "render noise 0.25 ×" in ended_by_noise
-        assert re.search("frame 2 of 4 .*25%", after(RenderProgress(1, 4, doing="exposing")))
+        assert re.search("frame 2 of 4 .*25 %", after(RenderProgress(1, 4, doing="exposing")))
 
 
 def test_cameras_list_and_show_have_the_facts_of_every_camera(cli: Cli) -> None:

@@ -285,7 +285,11 @@ def test_a_sheet_shows_scenes_views_and_exposures(made: Path) -> None:
     rows = sheet_rows(Store(made), ms.Dataset(made).table)
     captions = [picture.caption for row in rows for picture in row.pictures]
     assert [len(row.pictures) for row in rows] == [4, 4, 4], "each row is a scene and view"
-    assert [lines[0] for lines in captions[::4]] == ["flat", "box, view 0", "box, view 1"]
+    assert [lines[0] for lines in captions[::4]] == [
+        "0: flat",
+        "4: box, view 0",
+        "8: box, view 1",
+    ]
     assert {"22 µs", "5.5 µs, -2 EV"} < {lines[1] for lines in captions}
     assert {lines[2] for lines in captions} == {"full_scale_v 1", "full_scale_v 0.1"}
 

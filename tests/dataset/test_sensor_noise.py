@@ -246,7 +246,7 @@ def test_saturated_images_are_told_once_of_a_transform_and_noted_each_time() -> 
     camera = ms.load_camera("sony_imx174")
     image = np.full((8, 8), 0.9)
     too_bright = ms.SensorNoise(camera, white_e=10 * camera.pixel.full_well_e)
-    with pytest.warns(ms.SensorWarning, match="100% of the pixels of an image are saturated"):
+    with pytest.warns(ms.SensorWarning, match="100 % of the pixels of an image are saturated"):
         first = too_bright(image)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -59,6 +59,8 @@ def test_a_scene_is_described_by_one_sentence_and_its_parameters(name: str) -> N
     written = re.findall(r'<default name="(\w+)"', scene_file(name).read_text("utf-8"))
     assert [one.name for one in parameters] == written
     assert "--" not in "".join(one.meaning for one in parameters)
+    meanings = {one.name: one.meaning for one in parameters}
+    assert meanings["width"] == meanings["height"], "a comment is for all below it"
 
 
 def test_a_name_is_a_scene_from_any_folder(

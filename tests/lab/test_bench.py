@@ -96,7 +96,7 @@ def test_frames_of_this_package_are_a_bench_without_a_line_of_manifest(tmp_path:
     assert all(stack.dark for stack in bench.darks)
     assert [flat.photons for flat in bench.flats] == [500.0, None, None]
     (note,) = bench.notes
-    assert "photons vary by more than 10% over the pixels of 1 flat fields" in note
+    assert "photons vary by more than 10 % over the pixels of 1 flat fields" in note
     assert {(stack.bits, stack.temperature_k) for stack in bench.stacks} == {(12, 300)}
     assert bench.flats[0].tile == (("G", "B"), ("R", "G"))
     np.testing.assert_array_equal(bench.flats[2].frames, frames.digital)

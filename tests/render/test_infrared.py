@@ -170,7 +170,7 @@ def note_on_rgb(text: str, rule: object, **options: Any) -> str:
 def test_the_photoelectrons_that_depend_on_a_rule_are_told_once_for_all_light_groups() -> None:
     text = scene(RGB, FLAT.replace("<emitter", '<emitter id="sky"'))
     note = note_on_rgb(text.replace(FLAT, "", 1), "hold", light_groups="auto")
-    assert note.startswith("up to 9.0% of the photoelectrons") and "(line 2); give" in note
+    assert note.startswith("up to 9.0 % of the photoelectrons") and "(line 2); give" in note
 
 
 def test_refusing_names_the_materials_and_where_they_are() -> None:

@@ -321,7 +321,7 @@ def test_lint_says_what_share_of_a_flat_spectrum_is_beyond(folder: Path) -> None
     """∫λ dλ from 830 to 1000 nm over that from 400 to 1000 nm, for a flat quantum efficiency."""
     share = (1000**2 - 830**2) / (1000**2 - 400**2)
     (finding,) = findings(folder, scene(light='<emitter type="constant"/>'), INFRARED)
-    assert f"the mono pixels detect {share:.1%} of a flat spectrum beyond" in finding.what
+    assert f"the mono pixels detect {100 * share:.1f} % of a flat spectrum" in finding.what
 
 
 WALL = """<shape type="rectangle"><transform name="to_world"><scale value="9"/><rotate y="1" angle="180"/>
@@ -357,7 +357,9 @@ def test_the_share_of_the_photoelectrons_that_rests_on_a_table_is_told() -> None
     nm = light.wavelengths_nm
     electrons = light.data.mean(axis=(0, 1), dtype=float) * nm
     share = electrons[nm > 880].sum() / electrons.sum()  # the band from 880 nm reaches beyond
-    assert note.startswith(f"up to {share:.1%} of the photoelectrons of the mono pixels")
+    assert note.startswith(
+        f"up to {100 * share:.1f} % of the photoelectrons of the mono pixels"
+    )
 
 
 def test_values_that_are_nan_make_a_render_unreliable_or_are_the_reason_of_darkness(

@@ -31,7 +31,7 @@ def test_a_pixel_as_noisy_by_the_render_as_by_the_sensor_owes_half_its_variance_
 
 @pytest.mark.parametrize(
     ("ratio", "share", "begins"),
-    [(1.0, 0.5, "50%"), (999.0, 0.999, "nearly all"), (0.1, 0.1 / 1.1, None)],
+    [(1.0, 0.5, "50 %"), (999.0, 0.999, "nearly all"), (0.1, 0.1 / 1.1, None)],
 )
 def test_a_note_says_how_much_of_the_grain_is_the_renders(
     light: Any, ratio: float, share: float, begins: str | None

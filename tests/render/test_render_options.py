@@ -167,3 +167,14 @@ def test_a_prescription_by_set_takes_focal_length_and_focus_of_the_scene(
     assert json.loads(done.stdout)["render"]["intrinsics"]["focal_length_mm"] == pytest.approx(
         2.5, rel=1e-3
     )
+
+
+def test_a_window_that_shows_less_than_the_scene_is_told_with_its_width() -> None:
+    camera, small = (
+        TABLE1.replace(**{"lens.prescription": "double_gauss"}),
+        {"spp": 2, "width": 8},
+    )
+    light = ms.render(
+        "cornell_box", camera, EXPOSURE, wavelength_nm=550, denoise=False, **small
+    )
+    assert "width=1900 comes closest" in light.notes[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from helpers import CAMERAS
+from helpers import CAMERAS, ROOT
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.camera.camera_check import CameraFinding
@@ -142,6 +142,14 @@ def test_an_unusual_number_is_a_warning_with_the_way_out(line: str, tmp_path: Pa
     assert ms.load_camera(tmp_path / "mine.toml").notes == (found.text.removesuffix("."),)
 
 
+def test_a_small_full_well_at_a_given_gain_is_one_warning(tmp_path: Path) -> None:
+    """K fixes the range of the ADC, so nothing is to be said about adc.full_scale_v."""
+    text = (ROOT / "examples/cmv4000.toml").read_text("utf-8")
+    (warning,) = checked(text.replace("full_well_e = 13500", "full_well_e = 13.5"), tmp_path)
+    assert warning.field == "pixel.full_well_e" and "write 13500" in warning.text
+
+
 @pytest.mark.parametrize("name", ms.list_cameras())
 def test_a_shipped_camera_has_no_finding(name: str) -> None:
-    assert not ms.check_camera(name) and not ms.load_camera(name).notes
+    camera = ms.load_camera(name)
+    assert not ms.check_camera(name) and not ms.check_camera(camera) and not camera.notes

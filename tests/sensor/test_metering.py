@@ -100,6 +100,7 @@ def test_black_light_and_numbers_out_of_range_are_refused(light: Any) -> None:
         metered(replace(light, data=0 * light.data), CAMERA, ms.Metering())
     with pytest.raises(ms.InputError, match=r"1e\+30 electrons or more in 1 s.*the unit of"):
         metered(replace(light, data=1e24 + 0 * light.data), CAMERA, ms.Metering())
+    assert ms.Metering(50, 0.3) == ms.Metering(percentile=50.0, share=0.3)
     for wrong in ({"percentile": 101.0}, {"share": 0.0}, {"temperature_k": -1.0}):
         with pytest.raises(ms.InputError, match="it must be"):
             ms.Metering(**wrong)

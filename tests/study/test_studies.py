@@ -122,7 +122,7 @@ def test_a_plan_that_moves_frames_too_far_is_found() -> None:
 def test_a_saving_inside_the_scatter_is_none() -> None:
     spread = of_ablation.saved_share([1.0, 1.0, 1.0], [0.9, 1.0, 1.1])
     assert "beyond the scatter" in of_ablation.in_words(spread)
-    assert "10%" in of_ablation.in_words(of_ablation.saved_share([1.0, 1.0], [0.9, 0.9]))
+    assert "10 %" in of_ablation.in_words(of_ablation.saved_share([1.0, 1.0], [0.9, 0.9]))
 
 
 def test_the_rms_of_a_change_is_free_of_noise() -> None:

@@ -332,8 +332,8 @@ def _note_uneven(files: Sequence[_FrameFile]) -> Iterator[str]:
     ]
     if uneven:
         yield (
-            f"photons vary by more than {PHOTONS_RANGE_MAX:.0%} over the pixels of {len(uneven)} flat fields (first "
-            f"{uneven[0]}), so their mean is unknown; state photons in a {MANIFEST}"
+            f"photons vary by more than {100 * PHOTONS_RANGE_MAX:.0f} % over the pixels of {len(uneven)} flat fields "
+            f"(first {uneven[0]}), so their mean is unknown; state photons in a {MANIFEST}"
         )
 
 

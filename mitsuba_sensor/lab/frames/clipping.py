@@ -81,11 +81,11 @@ class Clipping:
         notes = []
         if self.black > CLIPPED_MAX:
             notes.append(
-                f"{self.black:.2%} of the values are {self.lowest:g}: the black level is too low"
+                f"{100 * self.black:.2f} % of the values are {self.lowest:g}: the black level is too low"
             )
         if self.saturated > CLIPPED_MAX:
             notes.append(
-                f"{self.saturated:.2%} of the values are at the largest code {self.largest:g}"
+                f"{100 * self.saturated:.2f} % of the values are at the largest code {self.largest:g}"
             )
         return "; ".join(notes)
 

@@ -150,9 +150,10 @@ def _note_spatial_stacks(
             signal = float(flat.frame_means.mean() - measured.darks[0].mean)
             expected = float(np.interp(flat.photons, measured.light, measured.signal))
             if expected:
-                text += f", signal {100 * (signal / expected - 1):+.2g} % off the other stacks'"
+                percent = round(100 * (signal / expected - 1), 2)
+                text += f", signal {percent:+.2g} % off the line of the other stacks"
         texts.append(f"{flat.source} ({text})")
-    omitted = "K, η and temporal noise are measured without the stacks of many frames, which are for spatial figures"
+    omitted = "K, η and temporal noise are measured without the stacks of many frames, which serve the spatial figures"
     return [f"{omitted}: {', '.join(texts)}"] if texts else []
 
 

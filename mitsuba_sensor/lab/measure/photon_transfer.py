@@ -173,8 +173,8 @@ def photon_transfer_of_scene(scene: Stack, dark: Stack | None = None) -> PhotonT
     statistics = temporal(scene, maps)
     notes, clipping = [statistics.drift_note], scene.clipping
     clipped_scene = (
-        f"{clipping.black:.2%} of the values of the scene are 0 and "
-        f"{clipping.saturated:.2%} are at the largest code"
+        f"{100 * clipping.black:.2f} % of the values of the scene are 0 and "
+        f"{100 * clipping.saturated:.2f} % are at the largest code"
     )
     if dark is None:
         bins = _bin_pixels(scene, maps.mean, maps.variance)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from ...camera.camera_file import camera_of
+from ...camera.field_catalogue import copied_source
 from ...core import InputError
 from ...core.progress import automatic_progress, is_asked
 from ...core.types import Float64Array
@@ -236,7 +237,7 @@ def _sources_of(like: Mapping[str, Any] | None) -> dict[str, str]:
     if like is None:
         return dict(ASSUMED_SOURCES)
     sources = like.get("sources") or {}
-    return {name: f"of {like['name']}: {text}" for name, text in sources.items()}
+    return {name: copied_source(text, str(like["name"])) for name, text in sources.items()}
 
 
 def _check_tile(tile: tuple[tuple[str, ...], ...], like: Mapping[str, Any]) -> None:

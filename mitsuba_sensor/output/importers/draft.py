@@ -11,6 +11,7 @@ import numpy as np
 
 from ...camera.camera import SET_BY_USER, Camera
 from ...camera.camera_file import camera_from
+from ...camera.field_catalogue import COPIED
 from ...core import InputError, nearest
 from ...core.errors import shown
 from ...core.printable import printable
@@ -135,8 +136,9 @@ class Draft:
     def camera(self) -> Camera:
         """Return the checked camera; its other fields are "assumed: as" those of ``like``. Raises InputError."""
         camera = self.like.replace(**{"gains": None, "gain": None, **self.changes})
+        as_like = f"assumed: as {self.like.name}"
         sources = {
-            name: text if text == SET_BY_USER else f"assumed: as {self.like.name}: {text}"
+            name: text if text == SET_BY_USER else f"{as_like}: {COPIED.sub('', text)}"
             for name, text in self.like.sources.items()
             if name in camera.sources
         }

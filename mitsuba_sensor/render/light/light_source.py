@@ -153,7 +153,7 @@ def band_note(light: Irradiance, error: BandError) -> Iterator[str]:
         remedy, narrower = "give narrower bands", f", e.g. of {enough:g} nm"
     note = (
         f"{why}: in bands of {width_nm:g} nm the {error.worst_filter} electrons are off by about "
-        f"{error.error_estimate:.1%}, by at most {error.largest_error:.0%}; "
+        f"{100 * error.error_estimate:.1f} %, by at most {100 * error.largest_error:.0f} %; "
         f"{remedy}{narrower if enough is not None else ''}"
     )
     yield Doubt(note) if error.error_estimate > DOUBT_ERROR else note
@@ -176,7 +176,9 @@ def unseen_note(light: Irradiance, camera: Camera) -> Iterator[str]:
         return
     name, share = camera.filter_names[int(np.argmax(unseen))], float(unseen.max())
     beyond = f"beyond {low.min():g} to {high.max():g} nm"
-    detects = f"where the {name} pixels of this camera detect {share:.1%} of a flat spectrum"
+    detects = (
+        f"where the {name} pixels of this camera detect {100 * share:.1f} % of a flat spectrum"
+    )
     if light.rendered_for is None:
         note = f"this light has nothing {beyond}, {detects}"
     else:
@@ -249,7 +251,7 @@ def noise_note(
         shared = known.shared_with(frames.camera, frames.first.exposure, None)
         if new := [name for name in ("camera", "exposure") if name not in shared]:
             again += f" for this {' and '.join(new)}"
-    fraction = f"{share:.0%}" if share < SHARE_ALL else "nearly all"
+    fraction = f"{100 * share:.0f} %" if share < SHARE_ALL else "nearly all"
     samples = light.statistics.samples_per_pixel
     yield Caution(
         f"{fraction} of the noise variance of a typical pixel is the render's, not the camera's; "

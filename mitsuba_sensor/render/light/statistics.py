@@ -245,6 +245,6 @@ def why_not_trusted(passes: int, fireflies: float, lost: int = 0) -> str:
         return f"error bars are guesses: {why}; render again with more samples (spp=)"
     if fireflies <= FIREFLIES_MAX:
         return ""
-    why = f"in {fireflies:.1%} of the lit pixels, one pass causes most of the noise (rare paths, e.g. caustics)"
+    why = f"in {100 * fireflies:.1f} % of the lit pixels, one pass causes most of the noise (rare paths, e.g. caustics)"
     helps = "enlarge the light or roughen the surface (more samples help slowly)"
     return f"error bars are too small: {why}; {helps}"

@@ -113,7 +113,9 @@ class Subject:
         photoelectrons = np.atleast_2d(self.camera.qe(nm)) * nm  # of a flat spectrum
         is_beyond = (nm < data_nm[0]) | (nm > data_nm[1])
         name, share = largest_share(self.camera, photoelectrons, is_beyond)
-        return f"{extent}, and the {name} pixels detect {share:.1%} of a flat spectrum beyond"
+        return (
+            f"{extent}, where the {name} pixels detect {100 * share:.1f} % of a flat spectrum"
+        )
 
     def lines(self, nodes: Sequence[MitsubaObject]) -> str:
         """Return the lines of nodes in the scene file."""

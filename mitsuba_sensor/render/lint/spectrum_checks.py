@@ -234,7 +234,7 @@ class ElectronShare(NamedTuple):
         low_nm, high_nm = self.data_nm
         ends = f"{low_nm:.5g} to {high_nm:.5g} nm".removeprefix("0 to ")
         note = (
-            f"up to {self.share:.1%} of the photoelectrons of the {self.filter} pixels depend on "
+            f"up to {100 * self.share:.1f} % of the photoelectrons of the {self.filter} pixels depend on "
             f"light beyond {ends.replace('to inf nm', 'nm and more')}, where {self.why}"
         )
         places = "; ".join(dict.fromkeys(finding.where for finding in findings))

@@ -63,7 +63,7 @@ def with_lens(
                 "sensor."
             )
         lens = SequentialLens(camera, view, unit_m)
-        notes, view = lens.notes(camera.lens.prescription.name, view), lens.view
+        notes, view = lens.notes(camera, view), lens.view
     else:
         distortion = distortion_of(camera.lens, image_distance_m(view, camera) * 1e3)
         if distortion is None:
@@ -238,13 +238,21 @@ class SequentialLens:
         self._to_exit_pupil = dr.opaque(mi.Float, distance - points.exit_pupil)
         self._numerical_aperture = dr.opaque(mi.Float, numerical_aperture(self.view, camera))
 
-    def notes(self, name: str, scene: View) -> list[str]:
+    def notes(self, camera: Camera, scene: View) -> list[str]:
         """Return notes on the properties that the lens determines instead of the scene, whose view is given."""
         wide, was = (2 * math.degrees(math.atan(x.half_width)) for x in (self.view, scene))
+        columns = round(scene.size[0] * scene.half_width / self.view.half_width)
+        columns = min(columns, camera.sensor.columns)
+        remedy = (
+            f"; width={columns} comes closest to the scene's view"
+            if columns > scene.size[0]
+            else ""
+        )
+        name = camera.lens.prescription and camera.lens.prescription.name
         focus = "infinity" if math.isinf(self.view.focus_m) else f"{self.view.focus_m:g} m"
         notes = [
             f"the lens {name!r} determines the field of view, {wide:.3g} degrees across instead of the scene's "
-            f"{was:.3g}, and the blur; it is focused at {focus}"
+            f"{was:.3g}, and the blur; it is focused at {focus}{remedy}"
         ]
         if self._lit_mm < self._highest_mm:
             notes.append(

@@ -84,11 +84,12 @@ class StopCriterion:
         return 0 if self.end == "max_spp" else self.passes
 
     def notes(self, end: End, samples: int) -> list[str]:
-        """Return a note if the render took another number of samples per pixel than requested."""
-        if self.asked is None or self.asked == samples:
+        """Return a note if a time limit ended the render before the requested samples per pixel."""
+        if self.asked is None or end == "spp":
             return []
-        why = "every pass takes the same number" if end == "spp" else "max_seconds was reached"
-        return [f"took {samples} samples per pixel instead of {self.asked}, because {why}"]
+        return [
+            f"took {samples} samples per pixel instead of {self.asked}, because max_seconds was reached"
+        ]
 
 
 def stop_criterion_of(options: RenderOptions, groups: int = 1) -> StopCriterion:

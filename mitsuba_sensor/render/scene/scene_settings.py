@@ -91,7 +91,7 @@ class SceneSettings:
             temperature_k, self.temperature_k, Exposure(0.0).temperature_k
         )
         return (
-            Metering(temperature_k)
+            Metering(temperature_k=temperature_k)
             if self.meter is None
             else Metering.of_text(self.meter, temperature_k)
         )

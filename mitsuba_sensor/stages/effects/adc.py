@@ -82,7 +82,7 @@ class AdcFields(FileTable):
 
     @classmethod
     def notes_of(cls, camera: Datasheet) -> tuple[str, ...]:
-        """Notes if the black level is high, or a full well fills little or much of the code range."""
+        """Notes if the black level is high, or a full well fills little or much of a given V_FS."""
         bits, black_dn = camera.adc.bits, camera.adc.black_level_dn or 0.0
         highest, filled = 2**bits - 1, full_well_swing_v(camera) / full_scale_v(camera)
         found = []
@@ -91,10 +91,8 @@ class AdcFields(FileTable):
             found.append(
                 f"adc.black_level_dn is {black_dn:.6g}, which {left}; use a lower one, or more adc.bits"
             )
-        most = FILLED_MAX
-        if camera.gain is not None:
-            most = math.inf
-        if not FILLED_MIN <= filled <= most:
+        most = FILLED_MAX if camera.gain is None else math.inf
+        if camera.readout.gain_dn_per_e is None and not FILLED_MIN <= filled <= most:
             found.append(
                 f"adc.full_scale_v is {full_scale_v(camera):.4g}; a full well fills {filled:.3g} of it; if the "
                 f"highest code is a full well, omit it, or write {full_well_swing_v(camera):.4g}"
