@@ -66,7 +66,7 @@ CALLS: dict[Callable[..., Any], dict[str, Any]] = {
     ms.capture: {"source": LIGHT, "camera": CAMERA, "exposure": EXPOSURE, "frames": 1},
     ms.plan: {"camera": CAMERA, "exposure": EXPOSURE, "photons": PHOTONS, "tolerance_dn": 0.1},
     ms.fpn_maps: {"camera": CAMERA, "shape": (4, 6), "serial": 1},
-    ms.digital: {"image": GREY, "camera": CAMERA, "exposure": EXPOSURE},
+    ms.digital: {"image": GREY, "camera": CAMERA, "exposure": EXPOSURE, "sensor": None},
     ms.light_from_rgb: {"rgb": np.ones((4, 6, 3)), "camera": CAMERA, "unit": "cd_per_m2"},
     ms.read_irradiance: {
         "path": "none.exr",
