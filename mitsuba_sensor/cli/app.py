@@ -30,8 +30,8 @@ Click: TypeAlias = Any
 UsageError: Any = typer.BadParameter.__base__
 SHORT_HELP = "mitsuba_sensor.first"
 """Key in the notes of a context: the names of the options that short help shows."""
-DEFAULT_WORD = re.compile(r"Default: (?:[\w ]+, else )?(\w+(?:\.\d+)?)(?:[.;]| \()")
-"""A default of one word, which short help keeps."""
+DEFAULT = re.compile(r"Default: ((?:from the scene or render, else )?\w+(?:\.\d+)?)(?:[.;]| \()")
+"""A default of one word, also with where it is looked for first, which short help keeps."""
 
 
 class PrintableConsole(Console):
@@ -113,7 +113,7 @@ class Command(TyperCommand):
         for param in params:
             if param.param_type_name == "option":
                 param.hidden = param.name not in (*ctx.meta[SHORT_HELP], "help", "help_all")
-                default = DEFAULT_WORD.search(param.help or "")
+                default = DEFAULT.search(param.help or "")
                 param.help = re.split(r"(?<!e\.g)\. |[;:] |\.$", param.help or "")[0]
                 if default:
                     param.help += escape(f" [default: {default[1]}]")

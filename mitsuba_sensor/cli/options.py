@@ -105,7 +105,7 @@ class BudgetFlags(TypedDict, total=False):
     exposure_s: Annotated[
         str | None,
         Option(
-            "Exposure time [s]. Default: 0.01; for IRRADIANCE.exr from the scene or render, else auto.",
+            "Exposure time [s]. Default: from the scene or render, else auto; 0.01 for uniform light.",
             metavar="SECONDS|auto",
         ),
     ]

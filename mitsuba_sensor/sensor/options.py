@@ -64,8 +64,8 @@ class SensorOptions(MapOptions, total=False):
     engine: Annotated[
         Engine,
         Option(
-            "Engine with equal output: numpy, drjit (one compiled kernel), cuda, or auto, the faster of numpy and "
-            "drjit.",
+            "Engine: numpy, drjit (one compiled kernel; the same bytes as numpy in float32), cuda (the same random "
+            "numbers), or auto, the faster of numpy and drjit.",
             "auto",
         ),
     ]

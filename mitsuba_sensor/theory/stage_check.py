@@ -243,7 +243,7 @@ class Trial:
         sensor units."""
         edge, random = self.stage.reach_px, np.random.default_rng(1)
         sensor = np.array([self.camera.sensor.rows, self.camera.sensor.columns])
-        free = sensor - self.shape
+        free = sensor - np.array(self.shape, dtype=int)
         inside = tuple(
             slice(edge, n - edge) if n > 2 * edge else slice(None) for n in self.shape
         )
