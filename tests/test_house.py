@@ -498,7 +498,7 @@ TOKENS_MAX = {
     "benchmarks": 24924,
     "camera": 25618,
     "cli": 22081,
-    "core": 25213,
+    "core": 25240,
     "dataset": 43520,
     "examples": 8952,
     "files": 18767,
@@ -507,13 +507,13 @@ TOKENS_MAX = {
     "optics": 17358,
     "output": 24964,
     "pages": 3187,
-    "render": 79146,
+    "render": 79127,
     "reproduction": 10885,
     "sensor": 13837,
     "stages": 31879,
     "study": 9229,
-    "tests": 342744,
-    "theory": 14637,
+    "tests": 342799,
+    "theory": 14646,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""
 TOKENS_SLACK = 0.03

@@ -30,7 +30,9 @@ Click: TypeAlias = Any
 UsageError: Any = typer.BadParameter.__base__
 SHORT_HELP = "mitsuba_sensor.first"
 """Key in the notes of a context: the names of the options that short help shows."""
-DEFAULT = re.compile(r"Default: ((?:from the scene or render, else )?\w+(?:\.\d+)?)(?:[.;]| \()")
+DEFAULT = re.compile(
+    r"Default: ((?:from the scene or render, else )?\w+(?:\.\d+)?)(?:[.;]| \()"
+)
 """A default of one word, also with where it is looked for first, which short help keeps."""
 
 

@@ -59,8 +59,8 @@ def refuse_path(name: str, values: object, remedy: str) -> None:
         raise InputError(f"{name} is the file name {str(values)[:200]!r}; {remedy}.")
 
 
-def numbers(name: str, values: object, remedy: str) -> Float64Array:
-    """Return ``values`` as float64.  remedy : what to pass.
+def numeric_array(name: str, values: object, remedy: str) -> NumpyArray:
+    """Return ``values`` as an array of integers or floats.  remedy : what to pass.
 
     Raises InputError for text, booleans, complex numbers, ragged lists, masked values and None.
     """
@@ -73,7 +73,12 @@ def numbers(name: str, values: object, remedy: str) -> Float64Array:
     if array.dtype.kind not in "iuf":
         kind = OTHER_KINDS.get(array.dtype.kind, "not numeric")
         raise InputError(f"{name} is {kind}; pass {remedy}.")
-    return np.asarray(array, dtype=np.float64)
+    return array
+
+
+def numbers(name: str, values: object, remedy: str) -> Float64Array:
+    """Return ``values`` as float64, checked by :func:`numeric_array`.  remedy : what to pass."""
+    return np.asarray(numeric_array(name, values, remedy), dtype=np.float64)
 
 
 def finite_numbers(name: str, values: object, remedy: str) -> Float64Array:

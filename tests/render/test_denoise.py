@@ -201,16 +201,19 @@ def test_the_cornell_box_is_nearer_to_its_reference_and_its_error_bars_hold() ->
 
 @pytest.mark.exhaustive
 def test_a_textured_floor_is_denoised_without_its_texture() -> None:
-    """Still life, chequered cloth, 96 × 64, 64 samples against 1024: squared errors ÷ 2.5 in the median."""
+    """Still life, chequered cloth, 96 × 64, 64 samples against 2048: squared errors ÷ 2.2 in the median, and half.
+
+    Against 4096 samples, five seeds give 2.4 to 2.8 and 2.3 to 2.4.
+    """
     scene, options = SCENES / "still_life.xml", {"width": 96, "wavelength_nm": 550}
     options["variant"] = skip_unless_usable("llvm_ad_spectral")
-    truth = ms.render(scene, CAMERA, EXPOSURE, spp=1024, seed=3, denoise=False, **options).data
+    truth = ms.render(scene, CAMERA, EXPOSURE, spp=2048, seed=3, denoise=False, **options).data
     raw, smooth = (
         ms.render(scene, CAMERA, EXPOSURE, spp=64, denoise=d, **options).data
         for d in (False, True)
     )
     before, after = ((x - truth.astype(float)) ** 2 / truth for x in (raw, smooth))
-    assert np.median(after) < np.median(before) / 2.5 and after.mean() < before.mean() / 2
+    assert np.median(after) < np.median(before) / 2.2 and after.mean() < before.mean() / 2
 
 
 @pytest.mark.parametrize(

@@ -83,11 +83,10 @@ def test_ordinary_scenes_do_not_raise_it(variant: str, scene: str) -> None:
 
 
 @pytest.mark.exhaustive
-def test_the_flag_does_not_go_blind_as_samples_grow() -> None:
-    """Before the caustic 4096 samples are as unreliable as 64: their share does not fall below the limit."""
-    assert not at_550(
-        "caustic", 24, spp=4096, variant=skip_unless_usable("llvm_ad_spectral")
-    ).statistics.reliable
+def test_unreliable_pixels_stay_as_samples_grow() -> None:
+    """In the caustic, 12 to 13 % of the pixels are unreliable after 4096 samples, and 16 to 27 % after 64 and 256."""
+    variant = skip_unless_usable("llvm_ad_spectral")
+    assert at_550("caustic", 24, spp=4096, variant=variant).statistics.firefly_fraction > 0.1
 
 
 @pytest.mark.parametrize(

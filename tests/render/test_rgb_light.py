@@ -132,7 +132,7 @@ def test_white_has_the_electrons_of_daylight_up_to_830_nm(name: str) -> None:
         (PICTURE / 1.0, {"unit": "srgb", "white_cd_per_m2": 20}, "from 0 to 1"),
         (0.0 - PICTURE, {"unit": "cd_per_m2"}, "negative or not finite"),
         (PICTURE / 255, {"unit": "srg"}, "Did you mean 'srgb'"),
-        (PICTURE > 9, {}, "is of bool"),
+        (PICTURE > 9, {}, "a Boolean array"),
     ],
 )
 def test_what_is_no_picture_is_refused(

@@ -29,7 +29,7 @@ from ...core import (
     require,
 )
 from ...core.band_average import NODES, Curves, band_integrals
-from ...core.checks import PICTURE_FILE, refuse_masked, refuse_path
+from ...core.checks import PICTURE_FILE, numeric_array, refuse_path
 from ...optics import spectra
 from ...optics.f_number_law import solid_angle_sr, transmittance
 from ...optics.intrinsics import View
@@ -291,16 +291,13 @@ def light_from_rgb(
     """
     camera = camera_of(camera)
     check_types(camera, Exposure(0.0))
-    refuse_masked("rgb", rgb)
     refuse_path("rgb", rgb, PICTURE_FILE)
-    values = np.asarray(rgb)
+    values = numeric_array("rgb", rgb, "integers or floats, shape (H, W, 3)")
     if values.ndim != 3 or values.shape[2] != 3 or 0 in values.shape:
         raise InputError(
             f"rgb has shape {values.shape}; pass (H, W, 3) with red, green and blue last, without transparency, e.g. "
             "np.moveaxis(rgb, 0, -1) or rgb[..., :3]."
         )
-    if values.dtype.kind not in "iuf":
-        raise InputError(f"rgb is of {values.dtype}; pass integers or floats.")
     linear = _linear(values, unit, white_cd_per_m2)
     bad = ~np.isfinite(linear) | (linear < 0)
     if bad.any():
