@@ -244,7 +244,7 @@ class PrescriptionSection(FileTable):
 
 
 class LensSection(FileTable):
-    """The lens sets the irradiance. The scene's thin lens, or the prescription, sets the blur."""
+    """The lens sets the irradiance. A thin lens, `<sensor type="camera">` or the prescription sets the blur."""
 
     f_number: Annotated[float, Field(ge=0.01, le=1e6, strict=True), Usual(0.5, 130)] = optional(
         "focal length over pupil diameter N", 2.8, 2.8, title="f-number f/#, N"
