@@ -26,7 +26,7 @@ from ..core import nearest
 from ..core.printable import printable
 from ..optics.ray_trace import C_NM, D_NM, F_NM, Glass
 
-EXTRA = "pip install 'mitsuba-sensor[lenses]'"
+EXTRA = "pip install '.[lenses]' in the checkout of mitsuba_sensor"
 CODE = re.compile(r"(\d{3,6})[.:]?(\d{3,6})")  # 517642, 517.642, 516800.641673
 MAKERS = ("SCHOTT", "OHARA", "HOYA", "HIKARI", "SUMITA", "CDGM")
 SILICA = ("main", "SiO2", "Malitson")

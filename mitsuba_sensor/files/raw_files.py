@@ -33,7 +33,7 @@ CAMERA_RAW = (
     *(".arw", ".raf", ".rw2", ".orf", ".pef", ".srw", ".x3f"),
 )
 LABEL_CHARACTERS_MAX = 100
-EXTRA = "pip install 'mitsuba-sensor[raw]'"
+EXTRA = "pip install '.[raw]' in the checkout of mitsuba_sensor"
 Tile: TypeAlias = tuple[tuple[str, ...], ...]
 
 

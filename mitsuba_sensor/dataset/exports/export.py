@@ -205,7 +205,7 @@ def _options_of(name: str, given: ExportOptions) -> Facts:
             )
     if row.needs and find_spec(row.needs) is None:
         raise InputError(
-            f"{name} needs {row.needs}, which is missing; pip install 'mitsuba-sensor[{name}]'."
+            f"{name} needs {row.needs}, which is missing; run pip install '.[{name}]' in the checkout."
         )
     defaults = {"shard_mb": row.shard_mb, "images": row.images}
     return chosen | {x: value for x, value in defaults.items() if chosen[x] is None}
