@@ -25,7 +25,7 @@ def watch() -> None:
 
 
 def register(mi: ModuleType) -> None:
-    """Register the plugins in the present variant and in all later variants."""
+    """Register the plugins in the current variant and in all later variants."""
     mi.detail.add_variant_callback(_register)  # a set: the same function is kept once
     if mi.variant() is not None:
         _register(None, mi.variant())
@@ -79,7 +79,7 @@ def _register(_before: str | None, _now: str | None) -> None:
 
 
 def register_plugins() -> None:
-    """Register the plugins in the present variant and in all later variants. Repeated calls have no effect.
+    """Register the plugins in the current variant and in all later variants. Repeated calls have no effect.
 
     ::
 
