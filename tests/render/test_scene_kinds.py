@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from typing import Any
 
 import numpy as np
@@ -67,6 +68,19 @@ def test_a_dict_and_what_mitsuba_loads_of_it_are_the_same_picture(variant: str) 
     np.testing.assert_array_equal(
         ms.render(parts, CAMERA, EXPOSURE, **OPTIONS).data, given.data
     )
+
+
+def test_an_emitter_that_the_caller_keeps_does_not_crash_the_next_render() -> None:
+    """Plain Mitsuba reads the freed shape of the emitter when it compiles the next kernel."""
+    mi = ready("llvm_ad_spectral")
+    parts = room(mi)
+    kept = parts["light"]["emitter"] = mi.load_dict(parts["light"]["emitter"])
+    ms.render(parts, CAMERA, EXPOSURE, **OPTIONS)
+    parts.clear()
+    gc.collect()
+    filled = [np.full(2**size, 7.7) for size in range(4, 14) for _ in range(100)]
+    assert ms.render(room(mi), CAMERA, EXPOSURE, **OPTIONS).data.min() >= 0
+    assert kept is not None and len(filled) == 1000
 
 
 def test_a_scene_of_our_plugins_keeps_camera_lens_crop_and_exposure_when_it_is_loaded() -> None:

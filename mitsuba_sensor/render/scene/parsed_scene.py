@@ -54,6 +54,9 @@ TEXT_FILE = "<string>"
 POLARISING = ("circular", "polarizer", "retarder", "measured_polarized")
 SENSOR_SEED = -4
 """Namespace of the seeds of sensors, see :func:`hashed_seed`."""
+SCENES_OF_LOADED_EMITTERS: list[MitsubaObject] = []
+"""Scenes that are never freed: if the caller keeps an emitter of a freed shape, the next render in a compiled variant
+crashes, because Mitsuba 3.9.1 asks the shapes of all emitters when it compiles."""
 
 
 class ChosenSensor(NamedTuple):
@@ -302,12 +305,14 @@ class ParsedScene:
         """Return the built scene. Raises InputError for missing or wrong elements."""
         mi = mitsuba()
         state = mi.parser.ParserState(self.state)  # a copy, which the transforms change
+        has_loaded_emitter = False
         for node in state.nodes:
             for (
                 name
             ) in node.props:  # a parameter that was read would count as known to the plugin
                 node.props.mark_queried(name, False)
                 value = node.props[name]  # plugins take the pixels out of bitmaps
+                has_loaded_emitter |= isinstance(value, mi.Emitter)
                 if isinstance(value, mi.Bitmap):
                     node.props[name] = mi.Bitmap(value)
                 elif node.props.type(name) == mi.Properties.Type.Any:
@@ -318,6 +323,8 @@ class ParsedScene:
             built = mi.parser.instantiate(self.config, state)
             scene = built[0] if isinstance(built, list) else built
             self.edits.apply(scene)
+        if has_loaded_emitter:
+            SCENES_OF_LOADED_EMITTERS.append(scene)
         return scene
 
     @contextlib.contextmanager
