@@ -497,7 +497,7 @@ TOKENS_MAX = {
     "bench": 23336,
     "benchmarks": 24924,
     "camera": 25618,
-    "cli": 22081,
+    "cli": 22091,
     "core": 25240,
     "dataset": 43520,
     "examples": 8952,

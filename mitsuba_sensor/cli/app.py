@@ -30,9 +30,7 @@ Click: TypeAlias = Any
 UsageError: Any = typer.BadParameter.__base__
 SHORT_HELP = "mitsuba_sensor.first"
 """Key in the notes of a context: the names of the options that short help shows."""
-DEFAULT = re.compile(
-    r"Default: ((?:from the scene or render, else )?\w+(?:\.\d+)?)(?:[.;]| \()"
-)
+DEFAULT = re.compile(r"Default: (from the scene or render, else )?(\w+(?:\.\d+)?)(?:[.;]| \()")
 """A default of one word, also with where it is looked for first, which short help keeps."""
 
 
@@ -118,7 +116,8 @@ class Command(TyperCommand):
                 default = DEFAULT.search(param.help or "")
                 param.help = re.split(r"(?<!e\.g)\. |[;:] |\.$", param.help or "")[0]
                 if default:
-                    param.help += escape(f" [default: {default[1]}]")
+                    unless = ", or the scene's" if default[1] else ""
+                    param.help += escape(f" [default: {default[2]}{unless}]")
                 param.rich_help_panel = None
         return params
 
