@@ -59,7 +59,7 @@ class CameraFlags(TypedDict, total=False):
     camera: Annotated[
         str | None,
         Option(
-            "Camera name from `cameras list`, or .toml file. It replaces the camera fields of the "
+            "Name from `cameras list`, or .toml file. It replaces the camera fields of the "
             f"scene file. {FROM_SCENE} {DEFAULT_CAMERA}.",
             metavar="NAME",
         ),
