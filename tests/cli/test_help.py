@@ -58,7 +58,7 @@ def test_short_help_keeps_defaults_of_one_word() -> None:
     help_of = flat(said("render", "-h", env={"COLUMNS": "80"}))
     assert "[default: konnik_table1, or the scene's]" in help_of and "[default: 72]" in help_of
     help_of = flat(said("budget", "-h", env={"COLUMNS": "80"}))
-    assert "Exposure time [s] [default: 0.01]" in help_of and "[[" not in help_of
+    assert "[default: auto, or the scene's]" in help_of and "[[" not in help_of
 
 
 @pytest.mark.parametrize("path", one_in(3, COMMANDS), ids=" ".join)
