@@ -503,7 +503,7 @@ TOKENS_MAX = {
     "examples": 8952,
     "files": 18767,
     "gradient": 4234,
-    "lab": 69294,
+    "lab": 69300,
     "optics": 17358,
     "output": 24964,
     "pages": 3187,

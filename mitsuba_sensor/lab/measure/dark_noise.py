@@ -60,7 +60,7 @@ def dark_noise(
         elif coarse:
             noise = noise.with_interval((math.nan, 0.0, bound)).noted(coarse)
         else:
-            noise = noise.with_interval(_root(variance, rounding_dn2))
+            noise = noise.with_interval(_root(variance, rounding_dn2, whole))
             noise = mark_clipped_sigma(noise, shortest) if shortest.clipping.share else noise
         return noise.noted("; ".join(merged([*notes, *coarse_codes(darks)])))
 
@@ -99,11 +99,11 @@ def _variance_at_zero(levels: Sequence[Level]) -> tuple[float, float, float]:
 
 
 def _root(
-    variances: tuple[float, float, float], rounding_dn2: float
+    variances: tuple[float, float, float], rounding_dn2: float, whole: bool
 ) -> tuple[float, float, float]:
-    """Return (value, low, high) of the noise without rounding, whose variance is uncertain."""
+    """Return (value, low, high) of the noise without rounding_dn2; the rounding of whole codes is uncertain."""
     value, low, high = variances
-    error = rounding_error_dn2(value) if rounding_dn2 else 0.0
+    error = rounding_error_dn2(value) if whole else 0.0
     middle = value - rounding_dn2
     down, up = math.hypot(value - low, error), math.hypot(high - value, error)
     value, low, high = (math.sqrt(max(v, 0.0)) for v in (middle, middle - down, middle + up))
