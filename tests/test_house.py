@@ -507,12 +507,12 @@ TOKENS_MAX = {
     "optics": 17358,
     "output": 24964,
     "pages": 3187,
-    "render": 79159,
+    "render": 79176,
     "reproduction": 10885,
     "sensor": 13837,
     "stages": 31879,
     "study": 9229,
-    "tests": 342932,
+    "tests": 343011,
     "theory": 14646,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

@@ -11,6 +11,7 @@ from helpers.scenes import BALL, SCENES, SKY, scalar_first, skip_unless_usable
 
 import mitsuba_sensor as ms
 from mitsuba_sensor.render.plugins import plugin_hook
+from mitsuba_sensor.render.scene.parsed_scene import SCENES_OF_LOADED_EMITTERS
 from mitsuba_sensor.render.variants import choose_variant, use
 
 CAMERA, EXPOSURE = ms.load_camera("konnik_table1"), ms.Exposure(0.1)
@@ -81,6 +82,15 @@ def test_an_emitter_that_the_caller_keeps_does_not_crash_the_next_render() -> No
     filled = [np.full(2**size, 7.7) for size in range(4, 14) for _ in range(100)]
     assert ms.render(room(mi), CAMERA, EXPOSURE, **OPTIONS).data.min() >= 0
     assert kept is not None and len(filled) == 1000
+
+
+def test_a_sky_that_the_caller_uses_again_and_again_keeps_no_scene() -> None:
+    mi = ready("scalar_spectral")
+    before, parts = len(SCENES_OF_LOADED_EMITTERS), room(mi)
+    parts["sky"] = mi.load_dict({"type": "constant"})
+    for _ in range(2):
+        ms.render(parts, CAMERA, EXPOSURE, **OPTIONS)
+    assert len(SCENES_OF_LOADED_EMITTERS) == before
 
 
 def test_a_scene_of_our_plugins_keeps_camera_lens_crop_and_exposure_when_it_is_loaded() -> None:

@@ -55,8 +55,8 @@ POLARISING = ("circular", "polarizer", "retarder", "measured_polarized")
 SENSOR_SEED = -4
 """Namespace of the seeds of sensors, see :func:`hashed_seed`."""
 SCENES_OF_LOADED_EMITTERS: list[MitsubaObject] = []
-"""Scenes that are never freed: if the caller keeps an emitter of a freed shape, the next render in a compiled variant
-crashes, because Mitsuba 3.9.1 asks the shapes of all emitters when it compiles."""
+"""Scenes that are never freed, one for each area emitter that a caller loaded: if he keeps the emitter of a freed
+shape, the next render in a compiled variant crashes, because Mitsuba 3.9.1 asks the shapes of all emitters."""
 
 
 class ChosenSensor(NamedTuple):
@@ -312,7 +312,9 @@ class ParsedScene:
             ) in node.props:  # a parameter that was read would count as known to the plugin
                 node.props.mark_queried(name, False)
                 value = node.props[name]  # plugins take the pixels out of bitmaps
-                has_loaded_emitter |= isinstance(value, mi.Emitter)
+                has_loaded_emitter |= isinstance(value, mi.Emitter) and mi.has_flag(
+                    value.flags(), mi.EmitterFlags.Surface
+                )
                 if isinstance(value, mi.Bitmap):
                     node.props[name] = mi.Bitmap(value)
                 elif node.props.type(name) == mi.Properties.Type.Any:
