@@ -512,7 +512,7 @@ TOKENS_MAX = {
     "sensor": 13837,
     "stages": 31879,
     "study": 9229,
-    "tests": 343011,
+    "tests": 343075,
     "theory": 14646,
 }
 """Tokens of each folder, without comments and docstrings. Numbers only fall; a rise has its reason in the commit."""

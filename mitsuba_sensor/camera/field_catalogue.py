@@ -39,7 +39,7 @@ HEAD = """\
 SOURCES_COMMENT = "# Source of each number: datasheet, measurement, paper or assumption."
 ASSUMED = "assumed"
 """Start of the source of an assumed number."""
-COPIED = re.compile(rf"^(?:{ASSUMED}: )?(?:(?:as|of) [\w-]+: )?")
+COPIED = re.compile(rf"^(?:{ASSUMED}: )?(?:(?:as|of) [^:]+: )?")
 """Start of the source of a number that was copied from another camera."""
 
 

@@ -227,3 +227,16 @@ def test_a_wrong_sheet_is_one_line(
     done = new(cli, tmp_path, sheet)
     assert done.exit_code == 2 and len(done.stderr.splitlines()) == 1 and said in done.stderr
     assert not (tmp_path / "my.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("source", "copied"),
+    [
+        ("EMVA sheet: pixel size", "of new: EMVA sheet: pixel size"),
+        ("of my cam: EMVA sheet", "of new: EMVA sheet"),
+        ("assumed: usual", "assumed: as new: usual"),
+        ("assumed: as my cam: usual", "assumed: as new: usual"),
+    ],
+)
+def test_sources_of_copies_of_copies_do_not_stack(source: str, copied: str) -> None:
+    assert copied_source(source, "new") == copied
